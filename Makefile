@@ -1,0 +1,47 @@
+# saranga-bench: `make demo` flies one judged course, `make test` runs what continuous integration runs.
+# Everything installs into .venv with the versions pinned in constraints.txt; nothing else is needed by hand
+# on a machine with python3, make and gcc.
+
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.installed
+# One BLAS thread: the matrices are small, and simulators run side by side.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export NUMBA_NUM_THREADS ?= 1
+
+.PHONY: help venv demo test test-slow lint bench clean
+
+help:
+	@echo "make demo       set up and fly one judged course through poles on the embedded autopilot"
+	@echo "make test       lint, types, layers and the tests (what continuous integration runs)"
+	@echo "make test-slow  the tests that take minutes (many seeds, wall time), real ArduCopter where present"
+	@echo "make lint       ruff, mypy and import-linter"
+	@echo "make bench      benchmarks (pytest-benchmark) of wire, acoustics, perception and whole flights"
+	@echo "make venv       only make .venv"
+
+venv: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt tools/make_venv.sh
+	@PYTHON="$(PYTHON)" sh tools/make_venv.sh
+	@touch $(STAMP)
+
+demo: $(STAMP)
+	@$(BIN)/saranga-bench fly poles --autopilot embedded --seed 1 --out runs
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: lint
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" --cov --cov-report=term:skip-covered
+
+test-slow: $(STAMP)
+	$(BIN)/python -m pytest -m slow
+
+bench: $(STAMP)
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only -p no:xdist --no-cov
+
+clean:
+	rm -rf .venv build dist .mypy_cache .ruff_cache .pytest_cache .coverage*

@@ -1,0 +1,1 @@
+"""The harness and the hardware: pytest plugin, command line, verdicts, journal, reports."""

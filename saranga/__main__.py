@@ -1,0 +1,84 @@
+"""`python -m saranga`: the stack on a companion computer."""
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+
+from saranga.errors import BenchError, UsageError
+
+RUN_HELP = """\
+Run the stack: echoes in, velocity setpoints out at 16 Hz.
+
+It never arms, takes off or changes mode. Setpoints are sent only while the vehicle is armed, in GUIDED and in
+the air; leave GUIDED on the transmitter to take over at any time.
+
+  python -m saranga run --echoes serial:///dev/ttyACM0 --vehicle serial:///dev/ttyS0?baud=921600
+  python -m saranga run --echoes tcp://127.0.0.1:7000 --vehicle tcp://127.0.0.1:5760 --speed 1.0
+
+Ctrl-C sends one last "stop" and ends. Exit codes: 0 ended by Ctrl-C or SIGTERM, 2 bad input, 4 a device failed.
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m saranga", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run", help="fly: echoes in, velocity commands out", description=RUN_HELP,
+                              formatter_class=argparse.RawDescriptionHelpFormatter)
+    run.add_argument("--echoes", required=True, metavar="URL",
+                     help="serial:///dev/ttyACM0, tcp://host:port or file:recording.mcap")
+    run.add_argument("--vehicle", required=True, metavar="URL",
+                     help="serial:///dev/ttyS0?baud=921600, tcp://host:port, udpin://host:port, udpout://host:port")
+    run.add_argument("--denoiser", default="tbd", help="by name (default: %(default)s)")
+    run.add_argument("--stack", default="saranga", help="policy: saranga, none or MODULE:NAME (default: %(default)s)")
+    run.add_argument("--sonar", default="pair", help="name in fixtures/sonars or a TOML path (default: %(default)s)")
+    run.add_argument("--speed", type=float, default=1.0, metavar="M/S", help="desired speed (default: %(default)s)")
+    run.add_argument("--temperature", type=float, default=20.0, metavar="C", help="air, for the speed of sound")
+    run.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a tick")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from saranga.companion import Companion
+    from saranga.denoise import load_denoiser
+    from saranga.echo import load_sonar
+    from saranga.navigate import load_policy
+    from saranga.sources import open_source
+    from saranga.stack import Stack
+    from saranga.transport import open_transport
+
+    if not 0.0 < arguments.speed <= 3.0:
+        raise UsageError(f"--speed {arguments.speed:g} m/s: must be over 0 and at most 3 m/s")
+    stack = Stack(load_denoiser(arguments.denoiser), load_policy(arguments.stack, desired_speed_m_s=arguments.speed),
+                  load_sonar(arguments.sonar), arguments.temperature)
+    source = open_source(arguments.echoes)
+    vehicle = open_transport(arguments.vehicle)
+    try:
+        source.open()
+        companion = Companion(stack, source, vehicle, arguments.log,
+                              say=lambda line: print(line, file=sys.stderr, flush=True))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda received, _: companion.stop(signal.Signals(received).name))
+        reason = companion.run()
+    finally:
+        source.close()
+        vehicle.close()
+    tally = companion.tally
+    print(f"ended by {reason}: {tally.ticks} ticks, {tally.setpoints} setpoints, {tally.late_ticks} late ticks, "
+          f"{tally.faults} ticks with a fault, longest step {tally.longest_step_ms:.1f} ms; "
+          f"link {source.counters}", file=sys.stderr)
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return _run(arguments)
+    except BenchError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,216 @@
+"""Algorithm 2: the closest obstacle pushes back (eq. 15) and sideways (eqs 16-17), with hysteresis.
+
+As in the errata: V_x is clamped, the lateral command is the element-wise product of gains and unit vector, and the
+avoidance direction has a defined start value (away from the obstacle; an obstacle dead ahead gives the side with
+more room, else left).
+
+Beyond the paper (all off with `paper=True`), because the sonar forgets what it no longer sees:
+
+- memory: an obstacle last seen up to `memory_s` ago stays where dead reckoning by the commanded velocity puts it,
+  so that one missed detection does not end a dodge;
+- alongside: while a remembered obstacle is abeam, nothing is commanded towards it;
+- corridor: the nearest obstacle that is within `delta_max_m` of the path decides, not the nearest of all;
+- guard: more than `max_lateral_m` off the course axis (dead reckoned) only the way back is chosen, for nets that
+  echo too little to be seen.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import exp, hypot, isfinite
+
+from saranga.localise import Obstacle
+from saranga.navigate.base import VelocityCommand
+from saranga.plugins import call_with_options
+
+NAME = "saranga"
+
+_TIE_M = 0.01
+"""An obstacle less than this off the path is dead ahead: its side is noise, so the room decides."""
+_HOMING_M = 0.3
+"""The guard lets go this far inside its limit, so that it does not chatter on it."""
+
+
+@dataclass(frozen=True)
+class PotentialParameters:
+    """Gains and limits; the names in brackets are the paper's.
+
+    Attributes:
+        desired_speed_m_s: [V_d] forward speed with nothing ahead.
+        k_x: [K_x] m3/s, braking: V_x = V_d - K_x x / r^3.
+        k_y_m_s: [K_y] lateral speed of a dodge.
+        k_z_m_s: [K_z] vertical speed of a dodge (0 keeps the height).
+        delta_m: [delta] hysteresis: nearer than this to the path the avoidance side is kept.
+        delta_max_m: [delta_max] obstacles further than this from the path are not dodged.
+        vx_min_m_s: lowest V_x; eq. 15 has no bound as r goes to 0.
+        paper: the pure algorithm, without the extensions below.
+        memory_s: how long an obstacle is remembered after it was last seen.
+        response_s: lag of the vehicle's velocity behind the command, for dead reckoning.
+        behind_m: an obstacle this far behind the sensors is past.
+        same_m: a new detection this close to a remembered obstacle is that obstacle.
+        abeam_m: lateral distance at which an obstacle alongside still blocks moving towards it.
+        max_lateral_m: distance off the course axis beyond which only the way back is chosen.
+    """
+
+    desired_speed_m_s: float = 1.0
+    k_x: float = 0.06
+    k_y_m_s: float = 0.8
+    k_z_m_s: float = 0.8
+    delta_m: float = 0.1
+    delta_max_m: float = 0.45
+    vx_min_m_s: float = -0.3
+    paper: bool = False
+    memory_s: float = 0.6
+    response_s: float = 0.25
+    behind_m: float = 0.3
+    same_m: float = 0.25
+    abeam_m: float = 0.45
+    max_lateral_m: float = 1.5
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, bool) and not isfinite(value):
+                raise ValueError(f"{field.name} is {value}; give a finite number")
+            if field.name != "vx_min_m_s" and value < 0:
+                raise ValueError(f"{field.name} is {value}; give a number that is not negative")
+        if self.vx_min_m_s > self.desired_speed_m_s:
+            raise ValueError(f"vx_min_m_s is {self.vx_min_m_s}, above desired_speed_m_s {self.desired_speed_m_s}")
+
+
+@dataclass
+class _Point:
+    """An obstacle in body axes, with the time it was last seen."""
+
+    x: float
+    y: float
+    z: float
+    seen_us: int
+
+    @property
+    def range_m(self) -> float:
+        return hypot(self.x, self.y, self.z)
+
+    @property
+    def off_path_m(self) -> float:
+        return hypot(self.y, self.z)
+
+
+class Potential:
+    """Algorithm 2 with errata and, unless `paper`, the extensions named in the module's docstring."""
+
+    name = NAME
+
+    def __init__(self, parameters: PotentialParameters) -> None:
+        self.parameters = parameters
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget obstacles, the avoidance side and the dead-reckoned position."""
+        self._points: list[_Point] = []
+        self._side: tuple[float, float] | None = None
+        self._lateral_m = 0.0
+        self._homing = False
+        self._velocity = (0.0, 0.0, 0.0)
+        self._command = VelocityCommand(0.0, 0.0, 0.0)
+        self._t_us: int | None = None
+
+    def decide(self, obstacles: Sequence[Obstacle], t_us: int) -> VelocityCommand:
+        """Velocity for the obstacles seen at `t_us`."""
+        p = self.parameters
+        seen = [_Point(o.x_m, o.y_m, o.z_m, t_us) for o in obstacles]
+        if p.paper:
+            self._points = seen
+        else:
+            self._dead_reckon(t_us)
+            self._remember(seen, t_us)
+        threat = self._threat()
+        if threat is None:
+            if not p.paper:
+                self._side = None
+            command = VelocityCommand(p.desired_speed_m_s, 0.0, 0.0)
+        else:
+            command = self._dodge(threat)
+        if not p.paper:
+            command = self._keep_clear_alongside(command)
+        self._command = command
+        return command
+
+    def _threat(self) -> _Point | None:
+        if not self._points:
+            return None
+        if self.parameters.paper:
+            return min(self._points, key=lambda o: o.range_m)
+        ahead = [o for o in self._points if o.x > 0.0]
+        blocking = [o for o in ahead if o.off_path_m < self.parameters.delta_max_m]
+        return min(blocking or ahead, key=lambda o: o.range_m, default=None)
+
+    def _dodge(self, threat: _Point) -> VelocityCommand:
+        p = self.parameters
+        r = max(threat.range_m, 1e-3)
+        vx = p.desired_speed_m_s - p.k_x * threat.x / r**3
+        vx = min(p.desired_speed_m_s, max(p.vx_min_m_s, vx))
+        off = threat.off_path_m
+        if off > p.delta_m or self._side is None:
+            self._side = self._away(threat)
+        if not p.paper and self._is_homing() and self._side[0] * self._lateral_m > 0.0:
+            self._side = (-self._side[0], self._side[1])
+        if off >= p.delta_max_m:
+            return VelocityCommand(vx, 0.0, 0.0)
+        return VelocityCommand(vx, p.k_y_m_s * self._side[0], p.k_z_m_s * self._side[1])
+
+    def _is_homing(self) -> bool:
+        limit = self.parameters.max_lateral_m
+        self._homing = abs(self._lateral_m) > (limit - _HOMING_M if self._homing else limit)
+        return self._homing
+
+    def _away(self, threat: _Point) -> tuple[float, float]:
+        off = threat.off_path_m
+        if off > _TIE_M:
+            return (-threat.y / off, -threat.z / off)
+        others = [o for o in self._points if o is not threat]
+        room_left = min((-o.y for o in others if o.y < 0.0), default=float("inf"))
+        room_right = min((o.y for o in others if o.y >= 0.0), default=float("inf"))
+        return (1.0, 0.0) if room_right > room_left else (-1.0, 0.0)
+
+    def _dead_reckon(self, t_us: int) -> None:
+        p = self.parameters
+        dt = 0.0 if self._t_us is None else max(0.0, (t_us - self._t_us) * 1e-6)
+        self._t_us = t_us
+        keep = exp(-dt / p.response_s) if p.response_s > 0.0 else 0.0
+        asked = (self._command.vx_m_s, self._command.vy_m_s, self._command.vz_m_s)
+        blend = p.response_s * (1.0 - keep)
+        moved = [c * dt + (v - c) * blend for v, c in zip(self._velocity, asked, strict=True)]
+        vx, vy, vz = (c + (v - c) * keep for v, c in zip(self._velocity, asked, strict=True))
+        self._velocity = (vx, vy, vz)
+        self._lateral_m += moved[1]
+        for point in self._points:
+            point.x -= moved[0]
+            point.y -= moved[1]
+            point.z -= moved[2]
+
+    def _remember(self, seen: list[_Point], t_us: int) -> None:
+        p = self.parameters
+        horizon_us = round(p.memory_s * 1e6)
+        kept = [
+            o for o in self._points
+            if t_us - o.seen_us <= horizon_us and o.x > -p.behind_m
+            and all(hypot(o.x - s.x, o.y - s.y, o.z - s.z) > p.same_m for s in seen)
+        ]
+        self._points = seen + kept
+
+    def _keep_clear_alongside(self, command: VelocityCommand) -> VelocityCommand:
+        vy = command.vy_m_s
+        for o in self._points:
+            beside = abs(o.x) < self.parameters.behind_m and abs(o.y) < self.parameters.abeam_m
+            if beside and vy * o.y > 0.0:
+                vy = 0.0
+        return VelocityCommand(command.vx_m_s, vy, command.vz_m_s)
+
+
+def build(**parameters: float | bool) -> Potential:
+    """Algorithm 2 with `PotentialParameters` given by name.
+
+    Raises:
+        UsageError: an unknown parameter, one that is not finite or out of its bounds.
+    """
+    return Potential(call_with_options("stack", NAME, PotentialParameters, parameters))

@@ -1,0 +1,141 @@
+"""The stack as one object: echo cycles in, a velocity command out, and everything it saw on the way.
+
+`step` never raises because of what a sensor or a policy delivered: it holds position and names the fault.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saranga.denoise import Denoiser
+from saranga.echo import EchoCycle, EchoImage, SonarGeometry, sound_speed_m_s
+from saranga.localise import Obstacle, edges, localise
+from saranga.navigate import Policy, VelocityCommand
+
+HOLD = VelocityCommand(0.0, 0.0, 0.0)
+# Ten echo cycles: shorter gaps are ordinary loss, longer ones fly blind for over 0.25 m at 1 m/s.
+STALE_US = 256_000
+# Nothing the airframe is meant to do is faster; a policy beyond it is broken, not bold.
+MAX_SPEED_M_S = 5.0
+
+
+@dataclass
+class Decision:
+    """What the stack concluded at one tick.
+
+    `images` (M, N) envelopes and `edges` (N,) newest edge rows are by sensor role; `fault` is None while all
+    is well; `timing_ms` is the measured time of each stage.
+    """
+
+    t_us: int
+    command: VelocityCommand
+    obstacles: list[Obstacle] = field(default_factory=list)
+    edges: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    images: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    fault: str | None = None
+    timing_ms: dict[str, float] = field(default_factory=dict)
+
+
+class Stack:
+    """Echoes -> image -> denoise -> localise -> navigate.
+
+    Args:
+        denoiser, policy: from `load_denoiser`, `load_policy`.
+        geometry: the sonar rig; a "down" sensor in it makes the localisation 3-D.
+        temperature_c: sets the speed of sound.
+    """
+
+    def __init__(self, denoiser: Denoiser, policy: Policy, geometry: SonarGeometry,
+                 temperature_c: float = 20.0) -> None:
+        self.denoiser = denoiser
+        self.policy = policy
+        self.geometry = geometry
+        self.c_m_s = sound_speed_m_s(temperature_c)
+        self._images = {role: EchoImage() for role in geometry.positions_m}
+        self._seen_us: dict[str, int | None] = dict.fromkeys(geometry.positions_m)
+        self._started_us: int | None = None
+
+    def reset(self) -> None:
+        """Forget all echoes and the policy's state."""
+        self._images = {role: EchoImage() for role in self._images}
+        self._seen_us = dict.fromkeys(self._images)
+        self._started_us = None
+        self.policy.reset()
+
+    def step(self, cycles: Sequence[EchoCycle], t_us: int) -> Decision:
+        """Take the cycles that arrived since the last step and decide.
+
+        Args:
+            cycles: zero or more, in trigger order.
+            t_us: now, in the caller's clock.
+        """
+        decision = Decision(t_us, HOLD)
+        timing = decision.timing_ms
+        start = perf_counter()
+        if self._started_us is None:
+            self._started_us = t_us
+        for cycle in cycles:
+            for role, image in self._images.items():
+                frame = cycle.frames.get(role)
+                if frame is None:
+                    image.push_missing(cycle.trigger)
+                    continue
+                image.push(frame, self.c_m_s)
+                self._seen_us[role] = t_us
+        decision.images = {role: image.envelope for role, image in self._images.items()}
+        timing["image"], start = _lap(start)
+        decision.fault = self._silent(t_us)
+        if decision.fault is not None:
+            return decision
+
+        paths: dict[str, NDArray[np.float64]] = {}
+        for role, image in self._images.items():
+            row = np.atleast_2d(self.denoiser(image))[-1]
+            decision.edges[role] = row
+        timing["denoise"], start = _lap(start)
+        strength = np.zeros(0)
+        for role, row in decision.edges.items():
+            found, score = edges(row, self.denoiser.threshold)
+            paths[role] = found - 2.0 * self.denoiser.edge_offset_m
+            if role == "left":
+                strength = score
+        decision.obstacles = localise(paths["left"], paths["right"], paths.get("down"), self.geometry, strength)
+        timing["localise"], start = _lap(start)
+        command = self.policy.decide(decision.obstacles, t_us)
+        timing["navigate"], start = _lap(start)
+        decision.fault = _unusable(command, self.policy.name)
+        if decision.fault is None:
+            decision.command = command
+        return decision
+
+    def _silent(self, t_us: int) -> str | None:
+        """Which sensors have said nothing for too long."""
+        since = {role: t_us - (seen if seen is not None else self._started_us or 0)
+                 for role, seen in self._seen_us.items()}
+        silent = [role for role, age_us in since.items() if age_us > STALE_US]
+        if not silent:
+            return "waiting for the first echoes" if None in self._seen_us.values() else None
+        age_s = max(since.values()) / 1e6
+        limit_s = STALE_US / 1e6
+        if len(silent) == len(since):
+            return f"echo source silent for {age_s:.2f} s (limit {limit_s:.2f} s)"
+        return f"sensor {' and '.join(silent)} silent for {age_s:.2f} s (limit {limit_s:.2f} s)"
+
+
+def _lap(start: float) -> tuple[float, float]:
+    now = perf_counter()
+    return (now - start) * 1e3, now
+
+
+def _unusable(command: VelocityCommand, policy: str) -> str | None:
+    values = (command.vx_m_s, command.vy_m_s, command.vz_m_s, command.yaw_rate_rad_s)
+    if not all(math.isfinite(v) for v in values):
+        return f"policy {policy!r} returned a command that is not finite: {values}"
+    speed = math.sqrt(sum(v * v for v in values[:3]))
+    if speed > MAX_SPEED_M_S:
+        return f"policy {policy!r} commanded {speed:.2f} m/s (limit {MAX_SPEED_M_S:g} m/s)"
+    return None

@@ -1,0 +1,1 @@
+"""The world: clock, physics, autopilots, scenes, acoustics, virtual rig, trial."""

@@ -1,0 +1,1 @@
+"""What the sonar hears: one law a file, each with its source; `sonar.AcousticModel` puts them together."""

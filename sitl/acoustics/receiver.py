@@ -1,0 +1,92 @@
+"""The sensor's own part: pulse, gain, ring-down, noise, saturation, int16.
+
+The pulse is `saranga.pulse`: p(t) = exp(-(t - 2.5 s)^2 / (2 s^2)), s = 66.6 us at 3.98 kHz. An echo with delay tau
+reads A p(t - tau) exp(-2j pi fop tau) and, moving, turns with its Doppler shift about its peak; sample n lies at
+t = n / iq_rate. Gain: a large plane at 1 m on axis, in standard air, reads `counts_at_1m`.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+WINDOW_SIGMAS = 4.0
+"""Samples further from the peak are left out: 3e-4 of it."""
+RING_PHASE_RAD = 0.7
+INT16_MAX = 32767.0
+
+
+def gain_counts(counts_at_1m: float, absorption_db_m: float) -> float:
+    """Counts for an amplitude of 1 (p0 at 1 m): a plane at 1 m is 1/2, less 2 m of absorption."""
+    return counts_at_1m * 2.0 * 10.0 ** (2.0 * absorption_db_m / 20.0)
+
+
+@njit(cache=True)
+def add_echoes(record, arrivals, count, gain, fop_hz, iq_rate_hz, sigma_s, peak_s):  # type: ignore[no-untyped-def]
+    """Add `count` rows of `arrivals` (see `tracing.py`) to `record` (n,) complex128, exact to any part of a sample."""
+    q = math.exp(-1.0 / (iq_rate_hz * sigma_s) ** 2)
+    for k in range(count):
+        tau = arrivals[k, 0]
+        peak = (tau + peak_s) * iq_rate_hz
+        half = WINDOW_SIGMAS * sigma_s * iq_rate_hz
+        first = max(math.ceil(peak - half), 0)
+        last = min(math.floor(peak + half), record.shape[0] - 1)
+        if first > last:
+            continue
+        x = (first - peak) / (iq_rate_hz * sigma_s)
+        step = 1.0 / (iq_rate_hz * sigma_s)
+        height = gain * math.exp(-0.5 * x * x)
+        ratio = math.exp(-x * step - 0.5 * step * step)
+        turns = fop_hz * tau
+        angle = -2.0 * math.pi * (turns - math.floor(turns))
+        spin = 2.0 * math.pi * arrivals[k, 3] / iq_rate_hz
+        angle += spin * (first - peak)
+        value = complex(arrivals[k, 1], arrivals[k, 2]) * complex(math.cos(angle), math.sin(angle))
+        turn = complex(math.cos(spin), math.sin(spin))
+        # exp(-x^2/2) at equal steps: each value from the last by a ratio that itself falls by q.
+        for n in range(first, last + 1):
+            record[n] += height * value
+            height *= ratio
+            ratio *= q
+            value *= turn
+
+
+@njit(cache=True)
+def add_noise(record, row, start, rms, phase_rad):  # type: ignore[no-untyped-def]
+    """Add a row of the noise bank, read around from `start`, times `rms`, turned by `phase_rad`."""
+    n = record.shape[0]
+    factor = rms * complex(math.cos(phase_rad), math.sin(phase_rad))
+    for k in range(n):
+        j = start + k
+        if j >= n:
+            j -= n
+        record[k] += factor * row[j]
+
+
+@njit(cache=True)
+def add_ring_down(record, floor_counts, ring_down_samples, iq_rate_hz, bandwidth_hz):  # type: ignore[no-untyped-def]
+    """The transmitter ringing out: a resonator of bandwidth B decays as exp(-pi B t), here so that it meets the
+    quiet floor at `ring_down_samples`."""
+    decay = math.pi * bandwidth_hz / iq_rate_hz
+    turn = complex(math.cos(RING_PHASE_RAD), math.sin(RING_PHASE_RAD))
+    for n in range(record.shape[0]):
+        height = floor_counts * math.exp(min(decay * (ring_down_samples - n), 60.0))
+        if height < 0.01 * floor_counts:
+            break
+        record[n] += height * turn
+
+
+@njit(cache=True)
+def digitise(record, saturation_counts, out):  # type: ignore[no-untyped-def]
+    """|IQ| limited to the saturation with its phase kept, rounded to int16 pairs, **Q first**; sample 0 reads 0."""
+    limit = min(saturation_counts, INT16_MAX)
+    for n in range(record.shape[0]):
+        re, im = record[n].real, record[n].imag
+        size = math.sqrt(re * re + im * im)
+        if size > limit:
+            re *= limit / size
+            im *= limit / size
+        out[n, 0] = np.int16(round(im))
+        out[n, 1] = np.int16(round(re))
+    out[0, 0] = 0
+    out[0, 1] = 0

@@ -1,0 +1,148 @@
+"""One scene, one suite of sensors, one shield: what every sensor records after a trigger."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saranga.echo import SonarGeometry
+from saranga.pulse import pulse_peak_delay_s, pulse_sigma_s
+from sitl.acoustics.atmosphere import Air, Atmosphere, StandardAir, atmosphere
+from sitl.acoustics.beam import piston_grid
+from sitl.acoustics.edges import ready_edges
+from sitl.acoustics.receiver import add_echoes, add_noise, add_ring_down, digitise, gain_counts
+from sitl.acoustics.rotor_noise import (
+    BANK_ROWS,
+    anchor_rms_counts,
+    anchor_thrust_n,
+    motor_weights,
+    noise_bank,
+    noise_power,
+)
+from sitl.acoustics.shield import Shield, shielded_weights
+from sitl.acoustics.tracing import ARRIVAL_COLUMNS, trace
+from sitl.airframe import Airframe, load_airframe
+from sitl.primitives import Primitives
+
+DB_PER_NEPER = 8.685889638
+WEAKEST_COUNTS = 0.25
+"""Echoes below this, half a step of the converter, are left out."""
+NOISE_STREAM = 0x5A7A
+
+
+class AcousticModel:
+    """The records of every sensor of a suite, a pure function of pose, thrusts, time and seed.
+
+    Args:
+        primitives: of the scene, world NED.
+        weather: temperature, humidity and pressure count; fog, snow and light do not.
+        geometry: the suite.
+        shield: between propellers and sensors.
+        seed: of the noise; the noise of a cycle depends on seed, role and `t_us` alone.
+        airframe: where the motors are; the default airframe if left out.
+        noise_bandwidth_hz: band of the rotor noise; that of the sensor if left out (`rotor_noise.py`).
+    """
+
+    def __init__(self, primitives: Primitives, weather: Air, geometry: SonarGeometry, shield: Shield, seed: int,
+                 *, airframe: Airframe | None = None, noise_bandwidth_hz: float | None = None) -> None:
+        self.primitives = primitives
+        self.weather = weather
+        self.geometry = geometry
+        self.shield = shield
+        self.seed = seed
+        self._airframe = airframe or load_airframe()
+        self._noise_bandwidth_hz = noise_bandwidth_hz
+        fop = geometry.fop_hz
+        self.air: Atmosphere = atmosphere(fop, weather)
+        self.gain_counts = gain_counts(geometry.counts_at_1m, atmosphere(fop, StandardAir()).absorption_db_m)
+        self.hover_rms_counts = anchor_rms_counts(geometry.counts_at_1m)
+        self._facets = np.ascontiguousarray(primitives.facets, dtype=np.float64)
+        self._cylinders = np.ascontiguousarray(primitives.cylinders, dtype=np.float64)
+        self._edges = np.ascontiguousarray(ready_edges(primitives))
+        c = self.air.c_m_s
+        self._setting = np.array([fop, c, self.air.absorption_db_m / DB_PER_NEPER, geometry.bandwidth_hz,
+                                  c * geometry.samples / geometry.iq_rate_hz])
+        self._grid = piston_grid(2.0 * math.pi * fop / c, geometry.a_h_m, geometry.a_v_m)
+        self._sigma_s = pulse_sigma_s(geometry.bandwidth_hz)
+        self._peak_s = pulse_peak_delay_s(geometry.bandwidth_hz)
+        self._bank = noise_bank(geometry.samples, geometry.iq_rate_hz, noise_bandwidth_hz or geometry.bandwidth_hz)
+        self._weights = {role: self._role_weights(role) for role in geometry.roles}
+        self._floor = WEAKEST_COUNTS / self.gain_counts
+        self._arrivals = np.empty((len(primitives) + 1, ARRIVAL_COLUMNS))
+
+    def _role_weights(self, role: str) -> NDArray[np.float64]:
+        sensor = self.geometry.positions_m[role]
+        return shielded_weights(self.shield, motor_weights(self._airframe, sensor), self._airframe.motor_positions_m,
+                                sensor, self.geometry.fop_hz, self.air.c_m_s, self.air.impedance_pa_s_m)
+
+    def with_geometry(self, **changes: Any) -> "AcousticModel":
+        """The same world heard with other sensor settings, such as `odr=4, samples=128`."""
+        return AcousticModel(self.primitives, self.weather, replace(self.geometry, **changes), self.shield, self.seed,
+                             airframe=self._airframe, noise_bandwidth_hz=self._noise_bandwidth_hz)
+
+    def insertion_loss_db(self, role: str) -> float:
+        """What the shield takes from the noise at one sensor, all motors at equal thrust."""
+        return -10.0 * math.log10(float(self._weights[role].sum()))
+
+    def noise_rms_counts(self, role: str, thrust_n: NDArray[np.float64]) -> float:
+        """RMS |IQ| of rotor noise and quiet floor at these motor thrusts (4,)."""
+        rotor = self.hover_rms_counts**2 * noise_power(thrust_n, self._weights[role], anchor_thrust_n())
+        return math.sqrt(rotor + self.geometry.quiet_floor_counts**2)
+
+    def arrivals(self, role: str, pos_m: NDArray[np.float64], quat: NDArray[np.float64],
+                 vel_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Echoes and direct sound at one sensor, rows of `tracing.ARRIVAL_COLUMNS`; a copy."""
+        return self._trace(role, pos_m, rotation_matrix(quat), vel_m_s).copy()
+
+    def _trace(self, role: str, pos_m: NDArray[np.float64], rotation: NDArray[np.float64],
+               vel_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        positions = self.geometry.positions_m
+        tx = pos_m + rotation @ np.array(positions[self.geometry.transmitter])
+        rx = pos_m + rotation @ np.array(positions[role])
+        count = trace(self._facets, self._cylinders, self._edges, tx, rx, rotation, vel_m_s, self._setting,
+                      self._grid, self._floor, self._arrivals)
+        return self._arrivals[:count]
+
+    def cycle(self, pos_m: NDArray[np.float64], quat: NDArray[np.float64], vel_m_s: NDArray[np.float64],
+              thrust_n: NDArray[np.float64], t_us: int, *, receive_only: bool = False) -> dict[str, NDArray[np.int16]]:
+        """The record of every sensor, by role.
+
+        Args:
+            pos_m, vel_m_s: (3,) of the vehicle, world NED; quat: [w, x, y, z] body to world.
+            thrust_n: (4,), sets the noise.
+            t_us: time of the trigger, picks the noise.
+            receive_only: nothing is transmitted: noise alone.
+
+        Returns:
+            int16, shape (samples, 2), Q first.
+        """
+        geometry = self.geometry
+        rotation = rotation_matrix(quat)
+        draws = np.random.Philox(key=self.seed & 0xFFFFFFFFFFFFFFFF, counter=[0, NOISE_STREAM, 0, t_us]).random_raw(9)
+        records = {}
+        for k, role in enumerate(geometry.roles):
+            record = np.zeros(geometry.samples, dtype=np.complex128)
+            if not receive_only:
+                found = self._trace(role, pos_m, rotation, vel_m_s)
+                add_echoes(record, found, len(found), self.gain_counts, geometry.fop_hz, geometry.iq_rate_hz,
+                           self._sigma_s, self._peak_s)
+                if role == geometry.transmitter:
+                    add_ring_down(record, geometry.quiet_floor_counts, geometry.ring_down_samples,
+                                  geometry.iq_rate_hz, geometry.bandwidth_hz)
+            row, start, phase = (int(draw) for draw in draws[3 * k:3 * k + 3])
+            add_noise(record, self._bank[row % BANK_ROWS], start % geometry.samples,
+                      self.noise_rms_counts(role, thrust_n), phase * (2.0 * math.pi / 2.0**64))
+            out = np.empty((geometry.samples, 2), dtype=np.int16)
+            digitise(record, geometry.saturation_counts, out)
+            records[role] = out
+        return records
+
+
+def rotation_matrix(quat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) body to world of a unit quaternion [w, x, y, z]."""
+    w, x, y, z = (float(q) for q in quat)
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
