@@ -137,7 +137,7 @@ class Flight:
     def telling_time_s(self) -> float:
         """The moment that shows most: the nearest approach to an obstacle the stack had located, in mid-course."""
         course = [k for k, phase in enumerate(self.log.phase) if phase == "course"]
-        late = course[2 * len(course) // 5:3 * len(course) // 4] or list(range(len(self.time_s)))
+        late = course[2 * len(course) // 5:3 * len(course) // 5] or list(range(len(self.time_s)))
         near = self.centre_distance_m
         worth = [k for k in late if self.log.obstacles[k] and np.isfinite(near[k])] or late[-1:]
         return float(self.time_s[min(worth, key=lambda k: near[k])])

@@ -13,7 +13,6 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -23,6 +22,7 @@ from saranga.navigate import VelocityCommand
 from saranga.sources import InProcessSource
 from saranga.stack import HOLD, Decision
 from sitl.autopilot import make_autopilot
+from sitl.autopilot.servers import TcpServer
 from sitl.clock import Periodic
 from sitl.flight_log import FlightRecorder
 from sitl.ground_control import Phase
@@ -33,6 +33,7 @@ from sitl.trial import PROGRESS_US, Cancel, Progress, collect, ended, progress_o
 from sitl.trial_types import Faults, TrialRequest, TrialResult
 from sitl.world import World
 
+RigPort = PtyPort | TcpPort
 CONNECT_DEADLINE_S = 40.0
 STOP_DEADLINE_S = 5.0
 # Further behind than this and "wall time" is no longer true; the flight is then not worth judging.
@@ -134,8 +135,9 @@ def run_live_trial(request: TrialRequest, progress: Progress | None = None, canc
         stack.callback(autopilot.close)
         world = World(scene, autopilot, request.sonar, request.shield, request.seed, request.faults or Faults(),
                       parameters)
-        rig_port: Any = stack.enter_context(contextlib.closing(PtyPort() if echoes == "pty" else TcpPort()))
-        mav_port: Any = stack.enter_context(contextlib.closing(TcpPort()))
+        rig_port: RigPort = PtyPort() if echoes == "pty" else TcpPort()
+        stack.callback(rig_port.close)
+        mav_port = stack.enter_context(contextlib.closing(TcpServer(port=0)))
         companion = stack.enter_context(contextlib.closing(CompanionProcess(
             request, scene.course.speed_m_s, scene.weather.temperature_c, rig_port.url, mav_port.url, folder)))
         shadow = Shadow(world)
@@ -151,7 +153,7 @@ def run_live_trial(request: TrialRequest, progress: Progress | None = None, canc
     return result
 
 
-def _serve_rig(world: World, shadow: Shadow, rig_port: Any) -> None:
+def _serve_rig(world: World, shadow: Shadow, rig_port: RigPort) -> None:
     asked = rig_port.read()
     if asked:
         answer = world.rig.receive(asked, world.t_us)
@@ -159,7 +161,8 @@ def _serve_rig(world: World, shadow: Shadow, rig_port: Any) -> None:
         shadow.source.feed(answer)
 
 
-def _connect(world: World, companion: CompanionProcess, shadow: Shadow, rig_port: Any, mav_port: Any) -> None:
+def _connect(world: World, companion: CompanionProcess, shadow: Shadow, rig_port: RigPort,
+             mav_port: TcpServer) -> None:
     """Simulated time stands still until the companion has started the rig and spoken MAVLink."""
     deadline = time.monotonic() + CONNECT_DEADLINE_S
     while not (world.rig.running and shadow.heard_companion):
@@ -168,24 +171,24 @@ def _connect(world: World, companion: CompanionProcess, shadow: Shadow, rig_port
             raise DeviceError(f"companion did not connect within {CONNECT_DEADLINE_S:g} s; its last line: "
                               f"{companion.last_line()!r}")
         _serve_rig(world, shadow, rig_port)
-        shadow.saw_mavlink(mav_port.read())
+        shadow.saw_mavlink(mav_port.poll())
         time.sleep(0.005)
 
 
 def _fly(request: TrialRequest, world: World, companion: CompanionProcess, shadow: Shadow,
-         recorder: FlightRecorder | None, rig_port: Any, mav_port: Any, progress: Progress | None,
+         recorder: FlightRecorder | None, rig_port: RigPort, mav_port: TcpServer, progress: Progress | None,
          cancel: Cancel | None) -> tuple[str, str] | None:
     report = Periodic(PROGRESS_US)
     started = time.perf_counter()
     pace_from: tuple[float, int] | None = None
     try:
         while True:
-            spoken = mav_port.read()
+            spoken = mav_port.poll()
             shadow.saw_mavlink(spoken)
             _serve_rig(world, shadow, rig_port)
             tick = world.tick(spoken)
             if tick.mavlink:
-                mav_port.write(tick.mavlink)
+                mav_port.send(tick.mavlink)
             if tick.echoes:
                 rig_port.write(tick.echoes)
                 shadow.saw_echoes(tick.echoes)

@@ -57,14 +57,19 @@ class GaussianSobel:
 
     def __call__(self, image: EchoImage) -> NDArray[np.float32]:
         """Edge strengths (N,) of the newest row."""
-        return _edges(image.envelope, image.rows, self._row_weights, self._range_weights, self._blank, self._apart,
-                      np.float32(_HALF_SCORE))
+        envelope = image.envelope
+        out = np.zeros(envelope.shape[1], dtype=np.float32)
+        for column, z in _rises(envelope, image.rows, self._row_weights, self._range_weights, self._blank, self._apart):
+            put_peak(out, column, z / (z + _HALF_SCORE))
+        return out
 
 
 @njit(cache=True)
-def _edges(envelope, rows, row_weights, range_weights, blank, apart, half_score):  # type: ignore[no-untyped-def]
+def _rises(envelope, rows, row_weights, range_weights, blank, apart):  # type: ignore[no-untyped-def]
+    """(k, 2): column and height, in robust spreads, of the rising edges of the newest row."""
     m, n = envelope.shape
-    out = np.zeros(n, dtype=np.float32)
+    found = np.empty((n, 2))
+    count = 0
     mean = np.zeros(n, dtype=np.float32)
     total = np.float32(0.0)
     depth = row_weights.size
@@ -80,7 +85,7 @@ def _edges(envelope, rows, row_weights, range_weights, blank, apart, half_score)
         for c in range(n):
             mean[c] += weight * row[c]
     if total <= 0.0:
-        return out
+        return found[:0]
     slope = np.zeros(n, dtype=np.float32)
     reach = range_weights.size // 2
     highest = np.float32(0.0)
@@ -92,7 +97,7 @@ def _edges(envelope, rows, row_weights, range_weights, blank, apart, half_score)
         highest = max(highest, abs(slope[c]))
     first = max(blank, reach)
     if highest <= 0.0 or n - reach - first < 16:
-        return out
+        return found[:0]
     spread = np.median(np.abs(slope[first:n - reach])) / np.float32(0.6745)
     spread = max(spread, np.float32(1e-2) * highest)
     for c in range(first + 1, n - reach - 1):
@@ -110,9 +115,10 @@ def _edges(envelope, rows, row_weights, range_weights, blank, apart, half_score)
         shift = np.float32(0.0)
         if bend < 0.0:
             shift = np.float32(0.5) * (slope[c - 1] - slope[c + 1]) / bend
-        z = here / spread
-        put_peak(out, c + min(max(shift, -0.5), 0.5), z / (z + half_score))
-    return out
+        found[count, 0] = c + min(max(shift, np.float32(-0.5)), np.float32(0.5))
+        found[count, 1] = here / spread
+        count += 1
+    return found[:count]
 
 
 def build(bandwidth_hz: float = BANDWIDTH_HZ, ring_down_m: float = RING_DOWN_M) -> Denoiser:

@@ -1,18 +1,15 @@
 """Writing a peak between two columns into an edge row so that `saranga.localise.edges` reads its exact position."""
 
-from numba import njit
+import numpy as np
+from numpy.typing import NDArray
 
 
-@njit(cache=True)
-def put_peak(row, position, strength):  # type: ignore[no-untyped-def]
+def put_peak(row: NDArray[np.float32], position: float, strength: float) -> None:
     """Set the two columns about `position` so that their centroid is `position` and their larger value `strength`."""
-    first = int(position)
+    first = int(np.floor(position))
     if first < 0 or first + 1 >= row.size:
         return
     share = position - first
-    if share <= 0.5:
-        row[first] = strength
-        row[first + 1] = strength * share / (1.0 - share)
-    else:
-        row[first] = strength * (1.0 - share) / share
-        row[first + 1] = strength
+    near = min(share, 1.0 - share) / max(share, 1.0 - share)
+    row[first] = strength if share <= 0.5 else strength * near
+    row[first + 1] = strength * near if share <= 0.5 else strength

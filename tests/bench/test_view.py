@@ -160,7 +160,10 @@ def test_airframe_spans_its_wheelbase_and_propellers() -> None:
 def test_telling_moment_has_an_obstacle_near() -> None:
     flight = Flight(fabricated_log(), fabricated_result())
     tick = int(np.argmin(np.abs(flight.time_s - flight.telling_time_s())))
-    assert flight.centre_distance_m[tick] < 0.6 and flight.log.obstacles[tick]
+    course = [k for k, phase in enumerate(flight.log.phase) if phase == "course"]
+    assert course[0] + 0.4 * len(course) <= tick <= course[0] + 0.6 * len(course)
+    assert flight.log.obstacles[tick]
+    assert flight.centre_distance_m[tick] < np.median(flight.centre_distance_m[course])
 
 
 def test_top_view_file_is_repeatable_and_refuses_other_kinds(tmp_path: Path) -> None:

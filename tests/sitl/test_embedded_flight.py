@@ -8,8 +8,10 @@ import pytest
 from embedded_bench import Bench
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from saranga.fixtures import fixture_path
 from saranga.vehicle import MODE_GUIDED, MODE_LAND
 from sitl.physics import SteadyWind
+from sitl.step_response import StepResponse, errors, record
 
 
 def test_whole_flight_arms_takes_off_flies_stops_lands_disarms() -> None:
@@ -118,11 +120,11 @@ def test_holds_its_place_in_gusty_wind() -> None:
 
 
 def test_climb_setpoint_stops_where_the_range_finder_still_sees_the_ground() -> None:
-    """ArduPilot with flow: 0.7 x RNGFND1_MAX - 1 = 2.5 m; the recorded real flight slows down there too."""
+    """ArduPilot with flow: 0.7 x RNGFND1_MAX - 1 = 2.5 m; the recorded real flight came to 2.33 m."""
     bench = Bench()
     bench.take_off(1.0)
     bench.run(12.0, (0.0, 0.0, -0.5))
-    assert bench.height_m == pytest.approx(2.5, abs=0.15)
+    assert bench.height_m == pytest.approx(2.35, abs=0.1)
 
 
 def test_position_setpoint_is_reached() -> None:
@@ -135,6 +137,16 @@ def test_position_setpoint_is_reached() -> None:
     there = bench.vehicle.position_m
     assert there == pytest.approx((here[0] + 1.0, here[1] - 0.5, -1.2), abs=0.1)
     assert bench.height_m == pytest.approx(1.2, abs=0.1)
+
+
+def test_step_responses_match_those_recorded_from_the_real_arducopter() -> None:
+    reference = StepResponse.load(fixture_path("step_response", "arducopter", ".json"))
+    response = record("embedded", seed=2)
+    for name, row in errors(reference, response).items():
+        assert row["rms_m_s"] < 0.06, (name, row)
+        assert abs(row["distance_m"]) < 0.2, (name, row)
+    lean = np.array(response.tilt_rad) - np.array(reference.tilt_rad)
+    assert float(np.sqrt(np.mean(lean**2))) < 0.01
 
 
 def test_tick_is_fast_enough_for_twenty_times_real_time() -> None:

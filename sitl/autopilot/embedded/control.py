@@ -2,8 +2,7 @@
 
 Setpoints are shaped to limited acceleration and jerk, then position P, velocity PID, lean angles, attitude
 with input shaping and rate feed-forward, rate PID, mixer with priority to roll and pitch, thrust curve. The
-structure and the default gains follow ArduPilot's AC_PosControl, AC_AttitudeControl and AP_MotorsMatrix
-(control.cpp: shape_vel_accel, sqrt_controller), so that its parameters mean here what they mean there.
+structure and the default gains follow ArduPilot's AC_PosControl and AC_AttitudeControl, so that its parameters mean here what they mean there.
 """
 
 import math
@@ -11,10 +10,12 @@ import math
 import numpy as np
 from numba import njit
 
-from sitl.airframe import GRAVITY_M_S2, MOTOR_SIGN_X, MOTOR_SIGN_Y, MOTOR_YAW_SIGN
+from sitl.airframe import GRAVITY_M_S2
 from sitl.autopilot.embedded import layout as at
 from sitl.autopilot.embedded.estimator import level
+from sitl.autopilot.embedded.mixer import mix
 from sitl.autopilot.embedded.parameters import gain_index
+from sitl.autopilot.embedded.shaping import alpha, sqrt_controller
 
 Q, V, P, RATE, ACCEL_W = at.Q, at.V, at.P, at.RATE, at.ACCEL_W
 PD, VD, AD, IV, EV, DV, IZ = at.PD, at.VD, at.AD, at.IV, at.EV, at.DV, at.IZ
@@ -41,35 +42,11 @@ RATE_P = np.array([gain_index(f"ATC_RAT_{n}_P") for n in ("RLL", "PIT", "YAW")])
 RATE_I = np.array([gain_index(f"ATC_RAT_{n}_I") for n in ("RLL", "PIT", "YAW")])
 RATE_DG = np.array([gain_index("ATC_RAT_RLL_D"), gain_index("ATC_RAT_PIT_D"), -1])
 RATE_FLTT, RATE_FLTD = gain_index("ATC_RAT_RLL_FLTT"), gain_index("ATC_RAT_RLL_FLTD")
-EXPO, HOVER, SPIN_ARM, SPIN_MIN, SPIN_MAX, SPOOL_TIME = (
-    gain_index(n) for n in ("MOT_THST_EXPO", "MOT_THST_HOVER", "MOT_SPIN_ARM", "MOT_SPIN_MIN", "MOT_SPIN_MAX",
-                            "MOT_SPOOL_TIME"))
-SX, SY, SYAW = np.array(MOTOR_SIGN_X), np.array(MOTOR_SIGN_Y), np.array(MOTOR_YAW_SIGN)
+HOVER, SPIN_ARM, SPOOL_TIME = (gain_index(n) for n in ("MOT_THST_HOVER", "MOT_SPIN_ARM", "MOT_SPOOL_TIME"))
 POSITION_LEASH_M = 2.0
 RATE_IMAX = 0.25
-YAW_HEADROOM = 0.2
 MIN_VERTICAL_THRUST = 0.02
 LIFT_PART = 0.5  # of the hover thrust, at the end of the spool-up
-
-
-@njit(cache=True)
-def alpha(hz, dt):  # type: ignore[no-untyped-def]
-    """Weight of a new sample in a first-order low-pass."""
-    return 1.0 - math.exp(-2.0 * math.pi * hz * dt)
-
-
-@njit(cache=True)
-def sqrt_controller(error, p, limit, dt):  # type: ignore[no-untyped-def]
-    """Proportional near zero, then the square root that decelerating at `limit` allows (AP_Math control.cpp)."""
-    linear = limit / (p * p) if p > 0.0 else 1e30
-    if error > linear:
-        rate = math.sqrt(2.0 * limit * (error - 0.5 * linear))
-    elif error < -linear:
-        rate = -math.sqrt(2.0 * limit * (-error - 0.5 * linear))
-    else:
-        rate = error * p
-    bound = abs(error) / dt
-    return min(max(rate, -bound), bound)
 
 
 @njit(cache=True)
@@ -227,33 +204,6 @@ def rates(s, p, targets, dt):  # type: ignore[no-untyped-def]
         if RATE_DG[i] >= 0:
             out[i] += p[RATE_DG[i]] * s[RATE_D + i]
     return out[0], out[1], out[2]
-
-
-@njit(cache=True)
-def mix(p, thrust, roll, pitch, yaw, throttle):  # type: ignore[no-untyped-def]
-    """Motor outputs 0..1; roll and pitch come first, then yaw, then thrust gives way."""
-    tilt = np.empty(4)
-    low, high = 0.0, 0.0
-    for i in range(4):
-        tilt[i] = -0.5 * SY[i] * roll + 0.5 * SX[i] * pitch
-        low, high = min(low, tilt[i]), max(high, tilt[i])
-    scale = 1.0 / (high - low) if high - low > 1.0 else 1.0
-    room = max(0.5 * (1.0 - (high - low) * scale), YAW_HEADROOM)
-    yaw = min(max(0.5 * yaw, -room), room)
-    low, high = 0.0, 0.0
-    for i in range(4):
-        tilt[i] = tilt[i] * scale + SYAW[i] * yaw
-        low, high = min(low, tilt[i]), max(high, tilt[i])
-    if high - low > 1.0:
-        for i in range(4):
-            tilt[i] /= high - low
-        low, high = low / (high - low), high / (high - low)
-    thrust = min(max(thrust, -low), 1.0 - high)
-    e = p[EXPO]
-    for i in range(4):
-        f = min(max(thrust + tilt[i], 0.0), 1.0)
-        x = f if e < 1e-6 else (math.sqrt((1.0 - e) * (1.0 - e) + 4.0 * e * f) - (1.0 - e)) / (2.0 * e)
-        throttle[i] = p[SPIN_MIN] + (p[SPIN_MAX] - p[SPIN_MIN]) * x
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from sitl.autopilot.embedded import layout as at
 from sitl.autopilot.embedded.arming import NEEDS_POSITION, disarm
-from sitl.autopilot.embedded.control import sqrt_controller
+from sitl.autopilot.embedded.shaping import sqrt_controller
 from sitl.autopilot.embedded.vehicle import (
     ALT_HOLD,
     BRAKE,
@@ -28,6 +28,7 @@ LANDED_SPEED_M_S = 0.3
 LANDED_ACCEL_M_S2 = 1.5
 TAKEOFF_REACHED_M = 0.05
 LIFTED_M = 0.05
+CEILING_SHORT_M = 0.14
 MAX_YAW_RATE_RAD_S = 3.5
 
 
@@ -194,10 +195,11 @@ class Modes:
     def _climb_allowed_m_s(self) -> float:
         """ArduPilot keeps a flow-navigating vehicle where the range finder still sees the ground.
 
-        Limit 0.7 RNGFND1_MAX - 1 m (EKF3 getHeightControlLimit), approached as AC_Avoid does.
+        Limit 0.7 RNGFND1_MAX - 1 m (EKF3 getHeightControlLimit), approached as AC_Avoid does; the recorded
+        real flight stayed CEILING_SHORT_M below it.
         """
         parameters = self.vehicle.parameters
-        room_m = max(0.7 * parameters["RNGFND1_MAX"] - 1.0, 1.0) - self.vehicle.height_m
+        room_m = max(0.7 * parameters["RNGFND1_MAX"] - 1.0, 1.0) - CEILING_SHORT_M - self.vehicle.height_m
         if room_m <= 0.0:
             return 0.0
         return sqrt_controller(room_m, parameters["PSC_POSZ_P"], parameters["WPNAV_ACCEL_Z"] / 100.0, UPDATE_S)
