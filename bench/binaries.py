@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from saranga.errors import DeviceError
+from sitl.autopilot.binary import WHAT_TO_DO
 
 CHECK_TIMEOUT_S = 15.0
 MACHINES = {0x3E: "x86_64", 0xB7: "aarch64", 0x28: "arm", 0x03: "i386"}
@@ -14,33 +15,6 @@ FIRMWARE = re.compile(
     rb"\b(ArduCopter|ArduPlane|ArduRover|Rover|ArduSub|Blimp|AntennaTracker|APM:Copter) "
     rb"(V\d+\.\d+[.\d]*[-\w]*)"
 )
-WHAT_TO_DO = (
-    "run `saranga-bench sitl install`, or build it (ArduPilot: ./waf configure --board sitl && "
-    "./waf copter) and set ARDUCOPTER to its path"
-)
-
-
-def cache_dir() -> Path:
-    """Where installed binaries live: `~/.cache/saranga-bench`."""
-    return Path.home() / ".cache" / "saranga-bench"
-
-
-def arducopter_path() -> Path:
-    """`$ARDUCOPTER`, else the installed one; it need not exist."""
-    named = os.environ.get("ARDUCOPTER")
-    return Path(named).expanduser() if named else cache_dir() / "arducopter"
-
-
-def why_absent() -> str | None:
-    """None when the binary can be started, else one line with what to do."""
-    path = arducopter_path()
-    if not path.is_file():
-        return f"ArduCopter SITL binary not found at {path}: {WHAT_TO_DO}"
-    if not os.access(path, os.X_OK):
-        return f"{path} is not executable: run `chmod +x {path}`"
-    return None
-
-
 @dataclass(frozen=True)
 class Firmware:
     """What a binary says it is."""

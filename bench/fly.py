@@ -106,7 +106,20 @@ def fly(plan: FlyPlan, store: Store, reporter: Reporter, interrupts: Interrupts)
                 error=f"unexpected {type(error).__name__}: {error}; the traceback is in {crash}",
             )
         journal.append("end", state=state)
-    return close_run(store, run, state), run
+    summary = close_run(store, run, state)
+    if plan.record:
+        _write_page(run.folder, reporter)
+    return summary, run
+
+
+def _write_page(folder: Path, reporter: Reporter) -> None:
+    """The page can be made again from the run folder, so failing to make it fails no flight."""
+    from bench.flight_page import write_page
+
+    try:
+        write_page(folder)
+    except Exception as error:
+        reporter.note(f"no report page ({type(error).__name__}: {error}): `saranga-bench report {folder}` tries again")
 
 
 def _fly_all(plan: FlyPlan, run: Run, journal: Journal, reporter: Reporter, interrupts: Interrupts) -> str:

@@ -50,16 +50,26 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     metafunc.parametrize("bench_autopilot", kinds, indirect=True, scope="session")
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A test of the real autopilot is skipped, with the reason and what to do, where its binary is absent."""
+    if item.get_closest_marker("real_arducopter") is not None:
+        _skip_without_binary()
+
+
+def _skip_without_binary() -> None:
+    from sitl.autopilot.binary import why_absent
+
+    reason = why_absent()
+    if reason is not None:
+        pytest.skip(reason)
+
+
 @pytest.fixture(scope="session")
 def bench_autopilot(request: pytest.FixtureRequest) -> str:
     """Kind of the autopilot to fly, embedded or arducopter; skips where the real one is absent."""
     kind = str(request.param)
     if kind == "arducopter":
-        from bench.binaries import why_absent
-
-        reason = why_absent()
-        if reason is not None:
-            pytest.skip(reason)
+        _skip_without_binary()
     return kind
 
 

@@ -20,8 +20,8 @@ def where(as_json: Json = False) -> None:
     """Print the path of the binary that flights use; exit code 4 with what to do when there is none."""
     import os
 
-    from bench.binaries import arducopter_path, why_absent
     from saranga.errors import DeviceError
+    from sitl.autopilot.binary import arducopter_path, why_absent
 
     absent = why_absent()
     if absent is not None:
@@ -34,9 +34,10 @@ def where(as_json: Json = False) -> None:
 @app.command(epilog="Example: saranga-bench sitl check")
 def check(as_json: Json = False) -> None:
     """Say what the binary is and that it starts; exit code 4 when it is missing or the wrong firmware."""
-    from bench.binaries import arducopter_path, check_starts, inspect_binary, why_absent
+    from bench.binaries import check_starts, inspect_binary
     from bench.provenance import sha256_of
     from saranga.errors import DeviceError
+    from sitl.autopilot.binary import arducopter_path, why_absent
 
     absent = why_absent()
     if absent is not None:

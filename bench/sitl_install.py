@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from bench.binaries import cache_dir, inspect_binary
+from bench.binaries import inspect_binary
 from bench.provenance import sha256_of
 from bench.store import write_json
 from saranga.errors import DeviceError, UsageError
+from sitl.autopilot.binary import cache_dir
 
 TIMEOUT_S = 30.0
 ATTEMPTS = 4

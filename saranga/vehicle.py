@@ -87,6 +87,7 @@ class VehicleLink:
         self.foreign_messages = 0
         self.bad_messages = 0
         self._out = bytearray()
+        self._chunk = (0, 0)
         self._handlers = {
             "HEARTBEAT": self._on_heartbeat, "SYS_STATUS": self._on_sys_status,
             "EKF_STATUS_REPORT": self._on_ekf, "EXTENDED_SYS_STATE": self._on_extended,
@@ -190,7 +191,15 @@ class VehicleLink:
         self.status.position_us = t_us
 
     def _on_text(self, message: Any, t_us: int) -> None:
-        self.status.texts.append((t_us, message.severity, message.text.rstrip("\0")))
+        """Texts over 50 characters come in chunks of one id, in order; a missing chunk starts a text of its own."""
+        text = message.text.rstrip("\0")
+        texts = self.status.texts
+        if message.id and message.chunk_seq and self._chunk == (message.id, message.chunk_seq - 1) and texts:
+            first_us, severity, begun = texts.pop()
+            texts.append((first_us, severity, begun + text))
+        else:
+            texts.append((t_us, message.severity, text))
+        self._chunk = (message.id, message.chunk_seq)
 
     def _on_ack(self, message: Any, t_us: int) -> None:
         self.status.acks[message.command] = message.result

@@ -65,11 +65,13 @@ class GroundControl:
 
     # ---- bytes -----------------------------------------------------------------------------------
     def feed(self, data: bytes, t_us: int) -> None:
-        known = len(self.link.status.texts)
+        """Take the vehicle's bytes; its texts become events of the flight."""
         self.link.feed(data, t_us)
-        texts = self.link.status.texts
-        for stamp, _, text in list(texts)[known:] if len(texts) > known else []:
-            self.events.append((stamp, text))
+
+    def all_events(self) -> list[tuple[int, str]]:
+        """Phases and the vehicle's own texts, in order of time."""
+        texts = [(t_us, text) for t_us, _, text in self.link.status.texts]
+        return sorted([*self.events, *texts], key=lambda event: event[0])
 
     def take(self) -> bytes:
         return self.link.take()

@@ -19,7 +19,7 @@ NAME = "tbd"
 
 _DESIGN_AMPLITUDE = 1.2
 """Echo amplitude in noise RMS that the evidence is weighed for: faint, with a long history."""
-_HALF_SCORE = 12.5
+_HALF_SCORE = 13.0
 """Log-likelihood at which the edge strength is 0.5; calibrated for 0.02 false edges a frame in noise."""
 
 

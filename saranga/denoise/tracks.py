@@ -25,8 +25,8 @@ SPEED_MIN, SPEED_MAX = -4.0, 19.75
 ACCEL_MAX = 0.3
 """Columns a row^2: 1.5 m/s2."""
 ACCEL_SIGMA = 0.15
-SUPPORT = 3
-"""Rows of the newest block that must speak for a track."""
+FADED = 0.3
+"""A track whose power in the newest block is under this share of its mean is of an obstacle that has gone."""
 ERASE_SIGMAS = 2.5
 """Half width of an echo, in widths of the pulse."""
 SIDELOBE_REACH = 24.0
@@ -34,8 +34,8 @@ SIDELOBE = 0.05
 """Share of a strong echo's power, and columns about it, within which the filter's sidelobes are no other echo."""
 _SLOPE_MIN = SPEED_MIN - ACCEL_MAX * 30.0
 _SLOPES = int((SPEED_MAX + 30.0 * ACCEL_MAX - _SLOPE_MIN) / SLOPE_STEP) + 1
-_SPEEDS = int(round((SPEED_MAX - SPEED_MIN) / SPEED_STEP)) + 1
-_ACCELS = 2 * int(round(ACCEL_MAX / ACCEL_STEP)) + 1
+_SPEEDS = round((SPEED_MAX - SPEED_MIN) / SPEED_STEP) + 1
+_ACCELS = 2 * round(ACCEL_MAX / ACCEL_STEP) + 1
 
 
 @njit(cache=True)
@@ -59,7 +59,7 @@ def add_shifted(total, row, shift):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def pieces(evidence):  # type: ignore[no-untyped-def]
-    """(M / BLOCK, slopes, cells): sums along straight pieces, at the column of the middle of the block; block 0 newest."""
+    """(M / BLOCK, slopes, cells): sums along straight pieces, by column at the middle of the block; block 0 newest."""
     m, n = evidence.shape
     blocks = m // BLOCK
     out = np.zeros((blocks, _SLOPES, n), dtype=np.float32)
@@ -205,15 +205,27 @@ def polish(field, c0, v, a, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def support(fine, c0, v, a):  # type: ignore[no-untyped-def]
-    """How many rows of the newest block speak for a track rather than against it."""
-    m, n = fine.shape
-    count = 0
-    for k in range(BLOCK):
+def is_sound(evidence, power, c0, v, a, rows, lowest):  # type: ignore[no-untyped-def]
+    """Whether a track stands without its loudest row, and is still there in the newest block."""
+    m, n = evidence.shape
+    total = loudest = 0.0
+    newest_power = all_power = 0.0
+    newest_rows = all_rows = 0
+    for k in range(rows):
         c = _round(c0 + v * k + 0.5 * a * k * k)
-        if 1 <= c < n - 1:
-            count += max(fine[m - 1 - k, c - 1], fine[m - 1 - k, c], fine[m - 1 - k, c + 1]) > 0.0
-    return count
+        if not 0 <= c < n or power[m - 1 - k, c] == 0.0:
+            continue
+        here = evidence[m - 1 - k, c]
+        total += here
+        loudest = max(loudest, here)
+        all_power += power[m - 1 - k, c]
+        all_rows += 1
+        if k < BLOCK:
+            newest_power += power[m - 1 - k, c]
+            newest_rows += 1
+    if newest_rows == 0 or total - loudest < lowest:
+        return False
+    return newest_power / newest_rows >= FADED * all_power / all_rows
 
 
 @njit(cache=True)
@@ -241,7 +253,7 @@ def erase(evidence, step, power, c0, v, a, near):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _amplitude_field(power, c0, v, a, rows):  # type: ignore[no-untyped-def]
-    """(M, N) log-likelihood of an echo as strong as the track's, uncapped: 2 sqrt(1 + A^2 q), which is ln I0's shape."""
+    """(M, N) log-likelihood of an echo as strong as the track's, uncapped: ln I0 has the shape 2 sqrt(1 + A^2 q)."""
     m, n = power.shape
     total = 0.0
     for k in range(rows):
@@ -254,10 +266,10 @@ def _amplitude_field(power, c0, v, a, rows):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _taken(found, count, column, apart):  # type: ignore[no-untyped-def]
+    taken = False
     for i in range(count):
-        if abs(found[i, 0] - column) < apart:
-            return True
-    return False
+        taken = taken or abs(found[i, 0] - column) < apart
+    return taken
 
 
 @njit(cache=True)
@@ -287,7 +299,7 @@ def find(evidence, power, sigma, most, lowest):  # type: ignore[no-untyped-def]
         rows = used * BLOCK
         c0, v, a = climb(evidence, float(cell * STEP), v, a, rows)
         c0, v, a = polish(_amplitude_field(power, c0, v, a, rows), c0, v, a, rows)
-        if support(evidence, c0, v, a) >= SUPPORT and not _taken(found, count, c0, near):
+        if is_sound(evidence, power, c0, v, a, rows, 0.5 * lowest) and not _taken(found, count, c0, near):
             found[count, 0] = c0
             found[count, 1] = best[cell]
             count += 1

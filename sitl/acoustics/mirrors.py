@@ -2,11 +2,13 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
 NEWTON_STEPS = 8
 NEAREST_M = 0.005
+"""A sensor nearer to a surface than this, or behind it, hears no mirror."""
+WIDEST_TURN_RAD = 2.5
+"""Transmitter and receiver on opposite sides of a cylinder have no mirror point between them."""
 
 
 @njit(cache=True)
@@ -71,47 +73,41 @@ def cylinder_point(a, w, radius, tx, rx, point):  # type: ignore[no-untyped-def]
     for i in range(3):
         z_t += (tx[i] - a[i]) * w[i]
         z_r += (rx[i] - a[i]) * w[i]
-    t = np.empty(3)
-    r = np.empty(3)
-    rho_t = rho_r = 0.0
+    rho_t = rho_r = along = 0.0
     for i in range(3):
-        t[i] = tx[i] - a[i] - z_t * w[i]
-        r[i] = rx[i] - a[i] - z_r * w[i]
-        rho_t += t[i] * t[i]
-        rho_r += r[i] * r[i]
+        t = tx[i] - a[i] - z_t * w[i]
+        r = rx[i] - a[i] - z_r * w[i]
+        rho_t += t * t
+        rho_r += r * r
+        along += t * r
     rho_t, rho_r = math.sqrt(rho_t), math.sqrt(rho_r)
     if min(rho_t, rho_r) <= radius + NEAREST_M:
         return 0.0, 0.0, 0.0, 0.0
-    along = side = 0.0
-    for i in range(3):
-        t[i] /= rho_t
-        along += r[i] * t[i]
-    for i in range(3):
-        r[i] -= along * t[i]
-        side += r[i] * r[i]
-    side = math.sqrt(side)
+    along /= rho_t
+    side = math.sqrt(max(rho_r * rho_r - along * along, 0.0))
     angle = 0.0
-    if side > 1e-9 and radius > 0.0:
+    if side > 1e-7 and radius > 0.0:
         turn = math.atan2(side, along)
-        if turn > 2.5:
+        if turn > WIDEST_TURN_RAD:
             return 0.0, 0.0, 0.0, 0.0
         angle = mirror_angle(rho_t, rho_r, turn, radius)
         side = 1.0 / side
     else:
         side = 0.0
-    c, s = math.cos(angle), math.sin(angle)
-    flat_1 = math.sqrt(rho_t * rho_t + radius * radius - 2.0 * rho_t * radius * c)
-    flat_2 = 0.0
+    c, s = radius * math.cos(angle), radius * math.sin(angle) * side
+    flat_1 = flat_2 = 0.0
     for i in range(3):
-        foot = radius * (c * t[i] + s * side * r[i])
+        t = tx[i] - a[i] - z_t * w[i]
+        r = rx[i] - a[i] - z_r * w[i]
+        foot = c * t / rho_t + s * (r - along * t / rho_t)
         point[i] = foot
-        step = rx[i] - a[i] - z_r * w[i] - foot
-        flat_2 += step * step
-    flat_2 = math.sqrt(flat_2)
+        flat_1 += (t - foot) * (t - foot)
+        flat_2 += (r - foot) * (r - foot)
+    flat_1, flat_2 = math.sqrt(flat_1), math.sqrt(flat_2)
     z = z_t + (z_r - z_t) * flat_1 / (flat_1 + flat_2)
     for i in range(3):
         point[i] += a[i] + z * w[i]
     d1 = math.sqrt(flat_1 * flat_1 + (z - z_t) ** 2)
     d2 = math.sqrt(flat_2 * flat_2 + (z - z_r) ** 2)
-    cosine = (rho_t * c - radius) / flat_1
+    cosine = (rho_t * math.cos(angle) - radius) / flat_1
     return d1, d2, z, max(cosine, 0.0)

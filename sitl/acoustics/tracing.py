@@ -1,6 +1,9 @@
 """Every echo of one transmitter at one receiver: the laws of `echoes.py` run over a scene's primitives."""
 
 import math
+from collections.abc import Callable
+from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 from numba import njit
@@ -27,22 +30,27 @@ CLOSEST_M = 0.02
 ROOT_HALF = math.sqrt(0.5)
 
 
-@njit(cache=True)
+@njit
 def _finish(out, n, amplitude, phase_re, phase_im, d1, d2, tx, rx, point, rotation, velocity, setting, grid,  # type: ignore[no-untyped-def]
             floor):
     """Directivity, absorption and Doppler of one reflection; returns 1 and fills row n, or 0 where it is too weak."""
     fop, c, neper, bandwidth = setting[0], setting[1], setting[2], setting[3]
     gain = amplitude * absorbed(d1 + d2, neper)
+    if abs(gain) < floor:
+        return 0
     speed_t = speed_r = 0.0
-    b = np.zeros((2, 3))
+    tx_x = tx_y = tx_z = rx_x = rx_y = rx_z = 0.0
     for i in range(3):
         to_t, to_r = (point[i] - tx[i]) / d1, (point[i] - rx[i]) / d2
         speed_t += velocity[i] * to_t
         speed_r += velocity[i] * to_r
-        for j in range(3):
-            b[0, j] += rotation[i, j] * to_t
-            b[1, j] += rotation[i, j] * to_r
-    gain *= beam_gain(grid, b[0, 0], b[0, 1], b[0, 2]) * beam_gain(grid, b[1, 0], b[1, 1], b[1, 2])
+        tx_x += rotation[i, 0] * to_t
+        tx_y += rotation[i, 1] * to_t
+        tx_z += rotation[i, 2] * to_t
+        rx_x += rotation[i, 0] * to_r
+        rx_y += rotation[i, 1] * to_r
+        rx_z += rotation[i, 2] * to_r
+    gain *= beam_gain(grid, tx_x, tx_y, tx_z) * beam_gain(grid, rx_x, rx_y, rx_z)
     if abs(gain) < floor:
         return 0
     shift = doppler_shift_hz(fop, c, speed_t, speed_r)
@@ -55,7 +63,7 @@ def _finish(out, n, amplitude, phase_re, phase_im, d1, d2, tx, rx, point, rotati
     return 1
 
 
-@njit(cache=True)
+@njit
 def _near(facets, cylinders, origin, reach):  # type: ignore[no-untyped-def]
     """Rows whose bounding sphere comes within `reach` of `origin`."""
     near_facets = np.empty(facets.shape[0], np.int64)
@@ -82,8 +90,8 @@ def _near(facets, cylinders, origin, reach):  # type: ignore[no-untyped-def]
     return near_facets[:n], near_cylinders[:m]
 
 
-@njit(cache=True)
-def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
+@njit
+def _trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
     """Echoes and the direct sound from `tx` at `rx`; returns how many rows of `out` (K, ARRIVAL_COLUMNS) hold them.
 
     Args:
@@ -191,7 +199,7 @@ def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, f
     return n
 
 
-@njit(cache=True)
+@njit
 def _arc_share(row, point, z, wavelength, d1, d2, cosine):  # type: ignore[no-untyped-def]
     """Part of the cylinder's echo that the arc between the two faces of a rounded corner gives."""
     along = side = between = across = 0.0
@@ -207,7 +215,7 @@ def _arc_share(row, point, z, wavelength, d1, d2, cosine):  # type: ignore[no-un
     return max(0.0, mirror_share(row[8] * angle, row[8] * (span - angle), radius))
 
 
-@njit(cache=True)
+@njit
 def _cosines(row, tx, rx, point, d1, d2):  # type: ignore[no-untyped-def]
     """Cosines of Keller's angles of transmitter and receiver."""
     cos_in = cos_out = 0.0
@@ -218,3 +226,22 @@ def _cosines(row, tx, rx, point, d1, d2):  # type: ignore[no-untyped-def]
         cos_in = math.sqrt(max(0.0, 1.0 - cos_in * cos_in))
         cos_out = math.sqrt(max(0.0, 1.0 - cos_out * cos_out))
     return cos_in, cos_out
+
+
+def _cached(laws: int) -> Callable[..., int]:
+    """`_trace`, cached on disk under the laws it was compiled from.
+
+    numba renews a cached function when its own file changes, not when a file that it calls into does; a value from
+    outside the function is part of the cache's key, so a changed law cannot be answered from an old cache.
+    """
+
+    @njit(cache=True)
+    def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
+        return _trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out) + 0 * laws
+
+    return trace
+
+
+LAWS = ("beam.py", "doppler.py", "echoes.py", "mirrors.py", "occlusion.py", "tracing.py")
+trace = _cached(crc32(b"".join((Path(__file__).parent / name).read_bytes() for name in LAWS)))
+trace.__doc__ = _trace.__doc__

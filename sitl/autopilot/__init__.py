@@ -21,7 +21,8 @@ def make_autopilot(kind: str, seed: int, workdir: Path | None = None) -> tuple[A
 
         return EmbeddedAutopilot(seed=seed), []
     if kind == "arducopter":
-        from sitl.autopilot.arducopter import ArduCopter, require_binary
+        from sitl.autopilot.arducopter import ArduCopter
+        from sitl.autopilot.binary import require_binary
 
         require_binary()
         autopilot = ArduCopter(workdir)

@@ -7,7 +7,6 @@ numbers to collide. (ArduPilot: libraries/SITL/examples/JSON/readme.md.)
 """
 
 import contextlib
-import os
 import shutil
 import signal
 import socket
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.errors import DeviceError
+from sitl.autopilot.binary import require_binary
 from sitl.autopilot.parameters import load_parameters, write_defaults
 from sitl.physics import VehicleState
 from sitl.process import die_with_parent
@@ -39,30 +39,6 @@ STATE = (
     '{"timestamp":%.7f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},'
     '"position":[%.9g,%.9g,%.9g],"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[%.9g,%.9g,%.9g],"no_time_sync":1}\n'
 )
-
-
-def find_binary() -> Path | None:
-    """`$ARDUCOPTER`, else `~/.cache/saranga-bench/arducopter`, else None."""
-    named = os.environ.get("ARDUCOPTER")
-    path = Path(named).expanduser() if named else Path.home() / ".cache" / "saranga-bench" / "arducopter"
-    return path if path.is_file() else None
-
-
-def require_binary() -> Path:
-    """The binary's path.
-
-    Raises:
-        DeviceError: absent or not executable, with the way to get it.
-    """
-    named = os.environ.get("ARDUCOPTER")
-    path = find_binary()
-    if path is None:
-        looked = named or "~/.cache/saranga-bench/arducopter"
-        raise DeviceError(f"ArduCopter SITL binary not found at {looked}: run `saranga-bench sitl install`, or set "
-                          "ARDUCOPTER to a binary you built (waf copter)")
-    if not os.access(path, os.X_OK):
-        raise DeviceError(f"{path} is not executable: run `chmod +x {path}`")
-    return path
 
 
 class ArduCopter:

@@ -3,14 +3,12 @@
 import psutil
 import pytest
 
+from bench.flight_summary import trial_verdict
 from bench.verdict import Verdict
-from sitl.autopilot.arducopter import find_binary
 from sitl.trial import run_trial
 from sitl.trial_types import Faults, TrialRequest
 
-AUTOPILOTS = ["embedded", pytest.param("arducopter", marks=[
-    pytest.mark.real_arducopter,
-    pytest.mark.skipif(find_binary() is None, reason="no ArduCopter binary: `saranga-bench sitl install`")])]
+AUTOPILOTS = ["embedded", pytest.param("arducopter", marks=pytest.mark.real_arducopter)]
 
 # (fault, outcomes it may end in, words the cause must contain)
 CASES = {
@@ -31,11 +29,11 @@ def test_a_fault_ends_the_flight_with_its_cause(case: str, autopilot: str) -> No
     assert result.outcome in outcomes, result.cause
     assert words in result.cause.lower() or words in result.cause
     assert not result.success_strict and not result.success_lenient
+    assert trial_verdict(result.to_dict()) is Verdict.ERROR
     assert not [p for p in psutil.Process().children(recursive=True) if "arducopter" in p.name()]
 
 
 @pytest.mark.real_arducopter
-@pytest.mark.skipif(find_binary() is None, reason="no ArduCopter binary: `saranga-bench sitl install`")
 def test_a_lost_physics_socket_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sitl.autopilot.arducopter.ANSWER_DEADLINE_S", 1.0)
     result = run_trial(TrialRequest("open", seed=3, autopilot="arducopter", keep_log=False,
@@ -55,11 +53,3 @@ def test_late_setpoints_change_the_flight_but_stay_judged() -> None:
     late = run_trial(TrialRequest("poles", seed=1, keep_log=False, faults=Faults(setpoint_delay_ms=400)))
     assert late.determinism_hash != prompt.determinism_hash
     assert late.outcome in {"clean", "obstacle_hit", "net_hit", "timeout", "stuck"} and late.cause
-
-
-def test_infrastructure_is_an_error_verdict() -> None:
-    from bench.fly import verdict_of_outcome
-
-    assert verdict_of_outcome("infrastructure") is Verdict.ERROR
-    assert verdict_of_outcome("clean") is Verdict.PASS
-    assert verdict_of_outcome("something new") is Verdict.ERROR

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 import bench.sitl_install
-from bench.binaries import arducopter_path, inspect_binary, why_absent
+from bench.binaries import inspect_binary
+from sitl.autopilot.binary import arducopter_path, why_absent
 from bench.cli import main
 from bench.sitl_install import install
 from saranga.errors import DeviceError, UsageError

@@ -3,20 +3,15 @@
 import psutil
 import pytest
 
-from sitl.autopilot.arducopter import find_binary
 from sitl.live import run_live_trial
 from sitl.trial_types import TrialRequest
-
-AUTOPILOTS = ["embedded", pytest.param("arducopter", marks=[
-    pytest.mark.real_arducopter,
-    pytest.mark.skipif(find_binary() is None, reason="no ArduCopter binary: `saranga-bench sitl install`")])]
 
 
 @pytest.mark.wall_time
 @pytest.mark.xdist_group("wall_time")
 @pytest.mark.parametrize("autopilot,echoes", [
     pytest.param("embedded", "pty"), pytest.param("embedded", "tcp"),
-    pytest.param("arducopter", "pty", marks=AUTOPILOTS[1].marks)])  # type: ignore[attr-defined]
+    pytest.param("arducopter", "pty", marks=pytest.mark.real_arducopter)])
 def test_a_companion_process_flies_the_course(autopilot: str, echoes: str) -> None:
     result = run_live_trial(TrialRequest("poles", seed=1, autopilot=autopilot), echoes=echoes)
     # Wall time is not repeatable, so the flight must be judged, landed or hit, by the course itself.

@@ -31,7 +31,7 @@ class SyntheticImage:
 
 @dataclass(frozen=True)
 class Reflector:
-    """Range now and how it came about: r(t) = range_m - closing t + closing_rate t^2 / 2, t <= 0 before the newest row."""
+    """Range now and how it came about: r(t) = range_m - closing t + accel t^2 / 2, t <= 0 before the newest row."""
 
     range_m: float
     closing_m_s: float = 0.0
@@ -59,7 +59,7 @@ def echoes(reflectors: list[Reflector], path_extra_m: float = 0.0) -> NDArray[np
 
 
 def noise(rng: np.random.Generator) -> NDArray[np.complex128]:
-    """(ROWS, COLUMNS) complex Gaussian of unit RMS, coloured along range by the receiver band, white from row to row."""
+    """(ROWS, COLUMNS) complex Gaussian of unit RMS, coloured along range by the receiver band, white down the rows."""
     half = 24
     kernel = np.exp(-((np.arange(-half, half + 1) * COLUMN_S) ** 2) / (2 * PULSE_S**2))
     kernel /= np.sqrt(np.sum(kernel**2))

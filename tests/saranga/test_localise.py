@@ -54,8 +54,8 @@ def test_direction_cosines_in_space_where_the_printed_equations_are_13_percent_s
 def test_position_in_space_from_true_paths() -> None:
     rng = np.random.default_rng(3)
     left = np.array([0.0, 0.0, 0.0])
-    right = left + [0.0, TRIPLE.baseline_h_m, 0.0]
-    down = left + [0.0, 0.0, TRIPLE.baseline_v_m]
+    right = left + np.array([0.0, TRIPLE.baseline_h_m, 0.0])
+    down = left + np.array([0.0, 0.0, TRIPLE.baseline_v_m])
     for _ in range(50):
         point = np.array([rng.uniform(0.6, 1.4), rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6)])
         r_l, r_r, r_d = (float(np.linalg.norm(point - s)) for s in (left, right, down))

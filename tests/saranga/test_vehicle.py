@@ -73,3 +73,17 @@ def test_velocity_aiding_needs_velocity_and_no_constant_position() -> None:
     for flags, expected in ((367, True), (8 | 128, False), (1, False)):
         link.feed(packed(mavlink.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0)), 1)
         assert link.status.flow_aiding is expected
+
+
+def test_a_long_text_is_put_together_from_its_chunks_and_a_gap_starts_anew() -> None:
+    link = VehicleLink()
+
+    def chunk(text: bytes, number: int, sequence: int) -> None:
+        link.feed(packed(mavlink.MAVLink_statustext_message(4, text, number, sequence)), sequence)
+
+    chunk(b"a" * 50, 7, 0)
+    chunk(b"b" * 50, 7, 1)
+    chunk(b"end", 7, 2)
+    chunk(b"another", 0, 0)
+    chunk(b"lost its beginning", 8, 1)
+    assert [t for _, _, t in link.status.texts] == ["a" * 50 + "b" * 50 + "end", "another", "lost its beginning"]

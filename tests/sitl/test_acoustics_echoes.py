@@ -26,7 +26,8 @@ def db(ratio: float) -> float:
 @pytest.mark.parametrize(("diameter_m", "level_db"),
                          [(0.025, -19.1), (0.040, -17.1), (0.060, -15.4), (0.250, -9.5), (0.460, -7.3)])
 def test_cylinder_re_plane_at_1_m(diameter_m: float, level_db: float) -> None:
-    assert db(cylinder_amplitude(1, 1, diameter_m / 2, 1.0) / plane_amplitude(1, 1)) == pytest.approx(level_db, abs=0.06)
+    ratio = cylinder_amplitude(1, 1, diameter_m / 2, 1.0) / plane_amplitude(1, 1)
+    assert db(ratio) == pytest.approx(level_db, abs=0.06)
 
 
 @pytest.mark.parametrize("r", [0.3, 1.0, 1.6])
@@ -80,7 +81,8 @@ def exact_share(low: float, high: float) -> float:
 
 
 def test_border_of_a_mirror_against_the_fresnel_integral() -> None:
-    assert mirror_share(0.0, 50.0, 1.0) == pytest.approx(exact_share(0.0, 50.0), abs=0.01) == pytest.approx(0.5, abs=0.01)
+    assert mirror_share(0.0, 50.0, 1.0) == 0.5
+    assert exact_share(0.0, 50.0) == pytest.approx(0.5, abs=0.01)
     assert mirror_share(6.0, 6.0, 1.0) == pytest.approx(1.0, abs=1e-6)
     for half in (0.02, 0.1, 0.2):
         assert mirror_share(half, half, 1.0) == pytest.approx(exact_share(half, half), rel=0.05)
@@ -126,8 +128,11 @@ def test_cylinder_mirror_point_is_the_shortest_way() -> None:
         def path(angle: float, e1: np.ndarray = e1, e2: np.ndarray = e2, a: np.ndarray = a, w: np.ndarray = w,
                  tx: np.ndarray = tx, rx: np.ndarray = rx, radius: float = radius) -> float:
             ring = a + radius * (np.cos(angle) * e1 + np.sin(angle) * e2)
-            return float(minimize_scalar(lambda s: np.linalg.norm(ring + s * w - tx) + np.linalg.norm(ring + s * w - rx),
-                                         bounds=(-4, 4), method="bounded", options={"xatol": 1e-10}).fun)
+
+            def length(s: float) -> float:
+                return float(np.linalg.norm(ring + s * w - tx) + np.linalg.norm(ring + s * w - rx))
+
+            return float(minimize_scalar(length, bounds=(-4, 4), method="bounded", options={"xatol": 1e-10}).fun)
 
         best = minimize_scalar(path, bounds=(-0.5, 0.5), method="bounded", options={"xatol": 1e-9})
         assert d1 + d2 == pytest.approx(best.fun, abs=1e-7)

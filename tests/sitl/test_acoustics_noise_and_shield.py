@@ -147,7 +147,8 @@ def test_foam_takes_what_1_m_to_2_m_of_range_needs() -> None:
 
 def test_height_matters_and_material_hardly() -> None:
     foam = load_shield("foam")
-    loss = {h: model(replace(foam, height_m=h * 1e-3)).insertion_loss_db("left") for h in (12.7, 25.4, 38.1, 63.5, 88.9)}
+    loss = {h: model(replace(foam, height_m=h * 1e-3)).insertion_loss_db("left")
+            for h in (12.7, 25.4, 38.1, 63.5, 88.9)}
     assert loss[12.7] < loss[25.4] < loss[38.1] < loss[63.5]
     # 63.5 mm is the lowest height with most of the reduction (paper, Fig. 6F).
     assert loss[63.5] - loss[25.4] > 2.0

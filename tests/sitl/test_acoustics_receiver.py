@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from saranga.denoise.pulse import pulse as denoiser_pulse
 from saranga.echo import COLUMN_M, EchoFrame, load_sonar, resample
-from saranga.pulse import pulse, pulse_peak_delay_s
+from saranga.pulse import pulse, pulse_peak_delay_s, pulse_sigma_s
 from sitl.acoustics.atmosphere import StandardAir
 from sitl.acoustics.receiver import add_echoes, digitise
 from sitl.acoustics.shield import load_shield
@@ -40,12 +41,18 @@ def test_pulse_is_3_db_down_at_half_the_bandwidth() -> None:
     assert pulse(np.array([0.0]), BAND)[0] < 0.05
 
 
+def test_denoisers_expect_the_pulse_that_is_sent() -> None:
+    expected = denoiser_pulse(BAND)
+    assert expected.peak_m == pytest.approx(pulse_peak_delay_s(BAND) * 343.2 / 2, abs=1e-4)
+    assert expected.sigma_m == pytest.approx(pulse_sigma_s(BAND) * 343.2 / 2, abs=1e-4)
+
+
 @pytest.mark.parametrize("tau_s", [1.0e-3, 1.00001e-3, 3.3333e-3])
 def test_echo_is_exact_to_any_part_of_a_sample(tau_s: float) -> None:
     out = np.zeros(256, dtype=complex)
     amplitude, shift = 0.3 - 0.4j, 622.0
     row = np.array([[tau_s, amplitude.real, amplitude.imag, shift, 0, 0, 0]])
-    sigma, peak = pulse_peak_delay_s(BAND) / 2.5, pulse_peak_delay_s(BAND)
+    sigma, peak = pulse_sigma_s(BAND), pulse_peak_delay_s(BAND)
     add_echoes(out, row, 1, 100.0, FOP, RATE, sigma, peak)
     t = np.arange(256) / RATE
     wanted = (100 * amplitude * pulse(t - tau_s, BAND) * np.exp(-2j * np.pi * FOP * tau_s)

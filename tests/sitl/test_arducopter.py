@@ -8,11 +8,9 @@ import pytest
 
 from saranga.errors import DeviceError
 from sitl.airframe import load_airframe
-from sitl.autopilot.arducopter import ArduCopter, find_binary, require_binary
+from sitl.autopilot.arducopter import ArduCopter
+from sitl.autopilot.binary import require_binary
 from sitl.physics import Physics, SteadyWind
-
-real_arducopter = pytest.mark.skipif(
-    find_binary() is None, reason="no ArduCopter binary: `saranga-bench sitl install` or set ARDUCOPTER")
 
 
 @pytest.fixture
@@ -62,7 +60,6 @@ def test_a_step_before_the_start_is_refused(physics: Physics, tmp_path: Path) ->
 
 
 @pytest.mark.real_arducopter
-@real_arducopter
 def test_it_boots_steps_and_leaves_no_process(physics: Physics, tmp_path: Path) -> None:
     autopilot = ArduCopter(tmp_path)
     autopilot.start(physics.state)
@@ -86,7 +83,6 @@ def test_it_boots_steps_and_leaves_no_process(physics: Physics, tmp_path: Path) 
 
 
 @pytest.mark.real_arducopter
-@real_arducopter
 def test_a_killed_process_is_an_error_with_its_cause_not_a_hang(physics: Physics, tmp_path: Path) -> None:
     autopilot = ArduCopter(tmp_path)
     autopilot.start(physics.state)
@@ -100,7 +96,6 @@ def test_a_killed_process_is_an_error_with_its_cause_not_a_hang(physics: Physics
 
 
 @pytest.mark.real_arducopter
-@real_arducopter
 def test_a_lost_physics_socket_is_an_error_within_its_deadline(
     physics: Physics, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

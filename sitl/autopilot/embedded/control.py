@@ -1,8 +1,8 @@
 """From setpoint to motor outputs: ArduCopter's cascade in small.
 
 Setpoints are shaped to limited acceleration and jerk, then position P, velocity PID, lean angles, attitude
-with input shaping and rate feed-forward, rate PID, mixer with priority to roll and pitch, thrust curve. The
-structure and the default gains follow ArduPilot's AC_PosControl and AC_AttitudeControl, so that its parameters mean here what they mean there.
+with input shaping and rate feed-forward, rate PID, mixer. The structure and the default gains follow
+ArduPilot's AC_PosControl and AC_AttitudeControl, so that its parameters mean here what they mean there.
 """
 
 import math
