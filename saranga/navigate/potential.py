@@ -7,7 +7,10 @@ more room, else left).
 Beyond the paper (all off with `paper=True`), because the sonar forgets what it no longer sees:
 
 - memory: an obstacle last seen up to `memory_s` ago stays where dead reckoning by the commanded velocity puts it,
-  so that one missed detection does not end a dodge;
+  so that one missed detection does not end a dodge; a new detection of it is averaged in, which halves the azimuth
+  noise within four ticks;
+- commitment: the avoidance side changes only for an obstacle that is clearly on the other side at its range
+  (`flip_rad`), because half-changed minds are what hits poles;
 - alongside: while a remembered obstacle is abeam, nothing is commanded towards it;
 - corridor: the nearest obstacle that is within `delta_max_m` of the path decides, not the nearest of all;
 - guard: more than `max_lateral_m` off the course axis (dead reckoned) only the way back is chosen, for nets that
@@ -47,6 +50,8 @@ class PotentialParameters:
         response_s: lag of the vehicle's velocity behind the command, for dead reckoning.
         behind_m: an obstacle this far behind the sensors is past.
         same_m: a new detection this close to a remembered obstacle is that obstacle.
+        blend: weight of a new detection once an obstacle has been seen a few times.
+        flip_rad: azimuth error that the hysteresis must withstand: delta grows to flip_rad times the range.
         abeam_m: lateral distance at which an obstacle alongside still blocks moving towards it.
         max_lateral_m: distance off the course axis beyond which only the way back is chosen.
     """
@@ -63,6 +68,8 @@ class PotentialParameters:
     response_s: float = 0.25
     behind_m: float = 0.3
     same_m: float = 0.25
+    blend: float = 0.35
+    flip_rad: float = 0.25
     abeam_m: float = 0.45
     max_lateral_m: float = 1.5
 
@@ -85,6 +92,7 @@ class _Point:
     y: float
     z: float
     seen_us: int
+    times_seen: int = 1
 
     @property
     def range_m(self) -> float:
@@ -150,7 +158,8 @@ class Potential:
         vx = p.desired_speed_m_s - p.k_x * threat.x / r**3
         vx = min(p.desired_speed_m_s, max(p.vx_min_m_s, vx))
         off = threat.off_path_m
-        if off > p.delta_m or self._side is None:
+        delta_m = p.delta_m if p.paper else max(p.delta_m, p.flip_rad * r)
+        if off > delta_m or self._side is None:
             self._side = self._away(threat)
         if not p.paper and self._is_homing() and self._side[0] * self._lateral_m > 0.0:
             self._side = (-self._side[0], self._side[1])
@@ -191,11 +200,16 @@ class Potential:
     def _remember(self, seen: list[_Point], t_us: int) -> None:
         p = self.parameters
         horizon_us = round(p.memory_s * 1e6)
-        kept = [
-            o for o in self._points
-            if t_us - o.seen_us <= horizon_us and o.x > -p.behind_m
-            and all(hypot(o.x - s.x, o.y - s.y, o.z - s.z) > p.same_m for s in seen)
-        ]
+        kept = [o for o in self._points if t_us - o.seen_us <= horizon_us and o.x > -p.behind_m]
+        for point in seen:
+            same = [o for o in kept if hypot(o.x - point.x, o.y - point.y, o.z - point.z) <= p.same_m]
+            if same:
+                known = min(same, key=lambda o: hypot(o.x - point.x, o.y - point.y, o.z - point.z))
+                point.times_seen = known.times_seen + 1
+                old = 1.0 - max(p.blend, 1.0 / point.times_seen)
+                point.y += old * (known.y - point.y)
+                point.z += old * (known.z - point.z)
+                kept = [o for o in kept if o not in same]
         self._points = seen + kept
 
     def _keep_clear_alongside(self, command: VelocityCommand) -> VelocityCommand:
