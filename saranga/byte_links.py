@@ -100,7 +100,7 @@ class TcpLink:
         try:
             self._socket = socket.create_connection(self._address, CONNECT_TIMEOUT_S)
         except OSError as error:
-            raise DeviceError(f"{self.url}: cannot connect: {error}; is the rig, or its emulation, serving "
+            raise DeviceError(f"{self.url}: cannot connect: {error}; does anything serve "
                               "this port?") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(WRITE_TIMEOUT_S)

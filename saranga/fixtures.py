@@ -26,7 +26,7 @@ def fixture_dir() -> Path:
         if candidate.is_dir():
             return candidate
     raise UsageError(
-        f"fixtures not found at {', '.join(map(str, candidates))}: set SARANGA_FIXTURES to the project's fixtures folder"
+        f"no fixtures at {', '.join(map(str, candidates))}: set SARANGA_FIXTURES to the project's fixtures folder"
     )
 
 

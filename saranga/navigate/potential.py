@@ -13,8 +13,11 @@ Beyond the paper (all off with `paper=True`), because the sonar forgets what it 
   (`flip_rad`), because half-changed minds are what hits poles;
 - alongside: while a remembered obstacle is abeam, nothing is commanded towards it;
 - corridor: the nearest obstacle that is within `delta_max_m` of the path decides, not the nearest of all;
-- guard: more than `max_lateral_m` off the course axis (dead reckoned) only the way back is chosen, for nets that
-  echo too little to be seen.
+- soft: the lateral command falls off over the outer half of `delta_max_m`, so that a dodge does not overshoot into
+  the next obstacle;
+- guard: more than `max_lateral_m` off the course axis (dead reckoned), an obstacle that is nearly dead ahead is passed
+  on the side of the axis, and one already to the side is passed without moving further out, for nets that echo too
+  little to be seen.
 """
 
 from collections.abc import Sequence
@@ -29,6 +32,8 @@ NAME = "saranga"
 
 _TIE_M = 0.01
 """An obstacle less than this off the path is dead ahead: its side is noise, so the room decides."""
+_ONCE_US = 130_000
+"""What was seen once only, a mismatched pair of echoes as like as not, is forgotten after two ticks."""
 _HOMING_M = 0.3
 """The guard lets go this far inside its limit, so that it does not chatter on it."""
 
@@ -52,12 +57,13 @@ class PotentialParameters:
         same_m: a new detection this close to a remembered obstacle is that obstacle.
         blend: weight of a new detection once an obstacle has been seen a few times.
         flip_rad: azimuth error that the hysteresis must withstand: delta grows to flip_rad times the range.
+        pass_m: off-path distance at which an obstacle can be passed without a dodge (airframe and a margin).
         abeam_m: lateral distance at which an obstacle alongside still blocks moving towards it.
         max_lateral_m: distance off the course axis beyond which only the way back is chosen.
     """
 
     desired_speed_m_s: float = 1.0
-    k_x: float = 0.06
+    k_x: float = 0.10
     k_y_m_s: float = 0.8
     k_z_m_s: float = 0.8
     delta_m: float = 0.1
@@ -70,6 +76,7 @@ class PotentialParameters:
     same_m: float = 0.25
     blend: float = 0.35
     flip_rad: float = 0.25
+    pass_m: float = 0.28
     abeam_m: float = 0.45
     max_lateral_m: float = 1.5
 
@@ -161,11 +168,17 @@ class Potential:
         delta_m = p.delta_m if p.paper else max(p.delta_m, p.flip_rad * r)
         if off > delta_m or self._side is None:
             self._side = self._away(threat)
-        if not p.paper and self._is_homing() and self._side[0] * self._lateral_m > 0.0:
-            self._side = (-self._side[0], self._side[1])
         if off >= p.delta_max_m:
             return VelocityCommand(vx, 0.0, 0.0)
-        return VelocityCommand(vx, p.k_y_m_s * self._side[0], p.k_z_m_s * self._side[1])
+        lateral, vertical = self._side
+        strength = 1.0 if p.paper else min(1.0, 2.0 * (1.0 - off / p.delta_max_m))
+        if not p.paper and self._is_homing() and lateral * self._lateral_m > 0.0:
+            if off <= delta_m:
+                lateral = -lateral
+                self._side = (lateral, vertical)
+            elif off > p.pass_m:
+                lateral = 0.0
+        return VelocityCommand(vx, p.k_y_m_s * lateral * strength, p.k_z_m_s * vertical * strength)
 
     def _is_homing(self) -> bool:
         limit = self.parameters.max_lateral_m
@@ -200,7 +213,8 @@ class Potential:
     def _remember(self, seen: list[_Point], t_us: int) -> None:
         p = self.parameters
         horizon_us = round(p.memory_s * 1e6)
-        kept = [o for o in self._points if t_us - o.seen_us <= horizon_us and o.x > -p.behind_m]
+        kept = [o for o in self._points if o.x > -p.behind_m
+                and t_us - o.seen_us <= (horizon_us if o.times_seen > 1 else _ONCE_US)]
         for point in seen:
             same = [o for o in kept if hypot(o.x - point.x, o.y - point.y, o.z - point.z) <= p.same_m]
             if same:

@@ -1,4 +1,4 @@
-"""Things that break in flight: each ends as ERROR or a judged outcome with its cause named; never a pass, never a hang."""
+"""Things that break in flight: each ends as ERROR or judged, its cause named; never a pass, never a hang."""
 
 import psutil
 import pytest

@@ -13,10 +13,10 @@ import pytest
 
 import bench.sitl_install
 from bench.binaries import inspect_binary
-from sitl.autopilot.binary import arducopter_path, why_absent
 from bench.cli import main
 from bench.sitl_install import install
 from saranga.errors import DeviceError, UsageError
+from sitl.autopilot.binary import arducopter_path, why_absent
 
 PATH = "/Copter/stable-4.5.7/SITL_x86_64_linux_gnu/arducopter"
 MACHINE = {"x86_64": 0x3E, "aarch64": 0xB7}[os.uname().machine]

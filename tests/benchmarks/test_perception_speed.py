@@ -1,12 +1,7 @@
 """How long perception takes on one thread, and what it finds: `pytest tests/benchmarks --benchmark-only -s`."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "saranga"))
 from synthetic_images import Reflector, SyntheticImage, draw_reflector, image, noise
 
 from saranga.denoise import load_denoiser

@@ -172,10 +172,10 @@ def test_silent_source_returns_nothing_after_the_timeout(end):
     source.open()
     begin = time.monotonic()
     assert source.poll(0.15) == []
-    assert 0.14 < time.monotonic() - begin < 1.0
+    assert 0.14 < time.monotonic() - begin < 3.0
     begin = time.monotonic()
     assert source.poll(0.0) == []
-    assert time.monotonic() - begin < 0.1
+    assert time.monotonic() - begin < 1.0
     source.close()
 
 
@@ -345,7 +345,7 @@ def test_url_of_a_recording_plays_at_its_own_pace(tmp_path):
         silent += not got
         cycles += got
     assert [c.trigger for c in cycles] == list(range(20))
-    assert 0.48 < time.monotonic() - begin < 1.5 and silent > 20
+    assert 0.48 < time.monotonic() - begin < 5.0 and silent > 20
 
 
 def test_cut_recording_still_plays(tmp_path):

@@ -86,7 +86,7 @@ def test_a_client_that_does_not_read_is_let_go_and_nothing_blocks() -> None:
             if server.clients == 0:
                 break
         assert server.clients == 0 and server.dropped_bytes > 0
-        assert time.monotonic() - began < 2.0
+        assert time.monotonic() - began < 10.0
     finally:
         client.close()
         server.close()
