@@ -10,7 +10,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export NUMBA_NUM_THREADS ?= 1
 
-.PHONY: help venv demo test test-slow lint bench clean
+.PHONY: help venv demo test test-slow kernels lint bench clean
 
 help:
 	@echo "make demo       set up and fly one judged course through poles on the embedded autopilot"
@@ -34,8 +34,13 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: lint
+# Lint on one core while the kernels compile on the other.
+test: $(STAMP)
+	@$(MAKE) --no-print-directory -j2 -O lint kernels
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" --ignore=tests/benchmarks --cov --cov-report=term:skip-covered
+
+kernels: $(STAMP)
+	@$(BIN)/python tools/warm_kernels.py
 
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow

@@ -25,12 +25,17 @@ def db_scaled(envelope: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 class FlightRecorder:
-    """Rows of one flight; `add` at each stack tick, `finish` once."""
+    """Rows of one flight; `add` at each stack tick, `finish` once unless `empty`."""
 
     def __init__(self, scene: Scene, volume: Any) -> None:
         self._scene = scene
         self._volume = volume
         self._rows: list[tuple[Any, ...]] = []
+
+    @property
+    def empty(self) -> bool:
+        """True while the vehicle has not taken off: there is nothing to draw."""
+        return not self._rows
 
     def add(self, world: "World", decision: Decision) -> None:
         if world.phase in (Phase.START, Phase.READY):
@@ -46,7 +51,7 @@ class FlightRecorder:
             decision.edges.get("left", empty), decision.edges.get("right", empty), decision.obstacles))
 
     def finish(self, events: list[tuple[int, str]]) -> FlightLog:
-        columns: list[list[Any]] = [list(c) for c in zip(*self._rows, strict=True)] if self._rows else [[]] * 12
+        columns: list[list[Any]] = [list(c) for c in zip(*self._rows, strict=True)]
 
         def array(index: int, width: int) -> NDArray[np.float64]:
             return np.array(columns[index], float).reshape(-1, width)

@@ -87,7 +87,8 @@ class CompanionProcess:
                    "--log", str(folder / "companion.jsonl")]
         with self.console.open("wb") as console:
             self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=console,
-                                             stderr=subprocess.STDOUT, preexec_fn=die_with_parent)
+                                             stderr=subprocess.STDOUT, preexec_fn=die_with_parent,
+                                             start_new_session=True)
 
     def last_line(self) -> str:
         lines = self.console.read_text(errors="replace").strip().splitlines()

@@ -205,7 +205,7 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
     timing = {**world.seconds, **companion.seconds}
     timing["other"] = max(loop_s - sum(timing.values()), 0.0)
     sim_s = world.t_us / 1e6
-    log = recorder.finish(world.ground.all_events()) if recorder is not None else None
+    log = recorder.finish(world.ground.all_events()) if recorder is not None and not recorder.empty else None
     return TrialResult(
         scene=request.scene, seed=request.seed, outcome=outcome, cause=cause, part=judgement.part,
         success_strict=outcome == "clean" and landed,

@@ -13,6 +13,8 @@ Beyond the paper (all off with `paper=True`), because the sonar forgets what it 
   (`flip_rad`), because half-changed minds are what hits poles;
 - alongside: while a remembered obstacle is abeam, nothing is commanded towards it;
 - corridor: the nearest obstacle that is within `delta_max_m` of the path decides, not the nearest of all;
+- level: an obstacle at our own height, as far as can be told at its range, is passed sideways and not by the noise of
+  its elevation: most of what stands in the way is upright;
 - soft: the lateral command falls off over the outer half of `delta_max_m`, so that a dodge does not overshoot into
   the next obstacle;
 - guard: more than `max_lateral_m` off the course axis (dead reckoned), an obstacle that is nearly dead ahead is passed
@@ -167,7 +169,7 @@ class Potential:
         off = threat.off_path_m
         delta_m = p.delta_m if p.paper else max(p.delta_m, p.flip_rad * r)
         if off > delta_m or self._side is None:
-            self._side = self._away(threat)
+            self._side = self._away(threat, 0.0 if p.paper else delta_m)
         if off >= p.delta_max_m:
             return VelocityCommand(vx, 0.0, 0.0)
         lateral, vertical = self._side
@@ -185,10 +187,12 @@ class Potential:
         self._homing = abs(self._lateral_m) > (limit - _HOMING_M if self._homing else limit)
         return self._homing
 
-    def _away(self, threat: _Point) -> tuple[float, float]:
-        off = threat.off_path_m
+    def _away(self, threat: _Point, level_m: float) -> tuple[float, float]:
+        """Unit vector from the obstacle to the path; within `level_m` of its height, sideways only."""
+        z = threat.z if abs(threat.z) > level_m else 0.0
+        off = hypot(threat.y, z)
         if off > _TIE_M:
-            return (-threat.y / off, -threat.z / off)
+            return (-threat.y / off, -z / off)
         others = [o for o in self._points if o is not threat]
         room_left = min((-o.y for o in others if o.y < 0.0), default=float("inf"))
         room_right = min((o.y for o in others if o.y >= 0.0), default=float("inf"))

@@ -90,7 +90,8 @@ class ArduCopter:
         try:
             with (self.workdir / "console.txt").open("wb") as console:
                 self._process = subprocess.Popen(command, cwd=self.workdir, stdin=subprocess.DEVNULL, stdout=console,
-                                                 stderr=subprocess.STDOUT, preexec_fn=die_with_parent)
+                                                 stderr=subprocess.STDOUT, preexec_fn=die_with_parent,
+                                                 start_new_session=True)
         except OSError as error:
             listener.close()
             raise DeviceError(f"{binary}: cannot be started: {error.strerror}; is it a Linux SITL build for this "

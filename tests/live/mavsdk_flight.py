@@ -30,20 +30,21 @@ from mavsdk import (
     ConnectionResult,
     LogLevel,
     Mavsdk,
+    MavsdkError,
     System,
     Vehicle,
     log_subscribe,
 )
 from mavsdk.plugins.action import Action, ActionError
-from mavsdk.plugins.info import Info, InfoError
-from mavsdk.plugins.offboard import Offboard, OffboardError, VelocityBodyYawspeed
-from mavsdk.plugins.param import Param, ParamError
-from mavsdk.plugins.telemetry import FlightMode, Telemetry, TelemetryError
+from mavsdk.plugins.info import Info
+from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed
+from mavsdk.plugins.param import Param
+from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = 42.27381, -71.80989, 150.0
 TELEMETRY_HZ = 10.0
 STEP_LIMIT_S = 30.0
-FAILURES = (ActionError, InfoError, OffboardError, ParamError, TelemetryError, ConnectionError, TimeoutError)
+FAILURES = (MavsdkError, ConnectionError, TimeoutError)
 
 
 class Flight:

@@ -85,7 +85,7 @@ class World:
         self.autopilot.start(self.physics.state)
         while self.t_us < least_s * 1e6 or self._unread() or (origin and not self.ready):
             if self.t_us > READY_LIMIT_S * 1e6:
-                raise DeviceError(f"{self.autopilot.kind} not ready within {READY_LIMIT_S:g} s simulated: {self._why()}")
+                raise DeviceError(f"{self.autopilot.kind} not ready in {READY_LIMIT_S:g} simulated s: {self._why()}")
             if self._slow.due(self.t_us):
                 self._ask(origin)
             self.tick(b"")

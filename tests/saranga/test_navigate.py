@@ -61,8 +61,15 @@ def test_obstacle_off_the_path_is_not_dodged() -> None:
 
 def test_element_wise_product_of_gains_and_direction_in_three_dimensions() -> None:
     # direction away from (0.12, -0.16) is (-0.6, 0.8)
-    got = command(load_policy("saranga", k_y_m_s=0.5, k_z_m_s=1.0), at(0.8, 0.12, -0.16))
+    got = command(load_policy("saranga", paper=True, k_y_m_s=0.5, k_z_m_s=1.0), at(0.8, 0.12, -0.16))
     assert (got.vy_m_s, got.vz_m_s) == (pytest.approx(-0.3), pytest.approx(0.8))
+
+
+def test_an_obstacle_at_our_height_is_passed_sideways_one_clearly_above_from_below() -> None:
+    level = command(load_policy("saranga"), at(0.8, 0.02, -0.08))
+    assert level.vz_m_s == 0.0 and abs(level.vy_m_s) > 0.5
+    above = command(load_policy("saranga"), at(0.5, 0.0, -0.25))
+    assert above.vz_m_s > 0.5 and abs(above.vy_m_s) < 0.1
 
 
 def test_hysteresis_keeps_the_side_of_an_obstacle_dead_ahead() -> None:
