@@ -128,14 +128,18 @@ def run_live_trial(request: TrialRequest, progress: Progress | None = None, canc
     """
     if echoes not in ("pty", "tcp"):
         raise UsageError(f"echoes over {echoes!r}: must be pty or tcp")
+    faults = request.faults or Faults()
+    for name in ("nan_policy_at_s", "setpoint_delay_ms"):
+        if name in faults.to_dict():
+            raise UsageError(f"fault {name} acts inside the stack, which is its own process in live mode: fly it in "
+                             "lockstep")
     scene = build_scene(load_scene(request.scene), request.seed)
     wall_start = time.perf_counter()
     with contextlib.ExitStack() as stack:
         folder = request.workdir or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="saranga-live-")))
         autopilot, parameters = make_autopilot(request.autopilot, request.seed, folder)
         stack.callback(autopilot.close)
-        world = World(scene, autopilot, request.sonar, request.shield, request.seed, request.faults or Faults(),
-                      parameters)
+        world = World(scene, autopilot, request.sonar, request.shield, request.seed, faults, parameters)
         rig_port: RigPort = PtyPort() if echoes == "pty" else TcpPort()
         stack.callback(rig_port.close)
         mav_port = stack.enter_context(contextlib.closing(TcpServer(port=0)))

@@ -196,6 +196,8 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
     """The result of a flight that has ended; `stopped` is what ended it where the judge did not."""
     if stopped is not None:
         world.judge.fail(*stopped)
+    elif (never := world.fault_that_never_came()) is not None:
+        world.judge.fail("infrastructure", never)
     judgement = world.judge.result()
     outcome, cause = judgement.outcome, judgement.cause
     landed = world.phase is Phase.DONE

@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from saranga.echo import SonarGeometry, load_sonar
+from saranga.errors import UsageError
 from sitl.acoustics.shield import load_shield
 from sitl.acoustics.sonar import AcousticModel
 from sitl.airframe import load_airframe
@@ -80,6 +81,17 @@ class World:
         self._trigger = 0
         self._course_us: int | None = None
         self._fired: set[str] = set()
+        self._check_faults()
+
+    def _check_faults(self) -> None:
+        """A fault that cannot happen here would make a flight look as if it had survived it."""
+        faults = self.faults
+        if faults.dead_sensor is not None and faults.dead_sensor not in self.geometry.positions_m:
+            raise UsageError(f"fault dead_sensor={faults.dead_sensor}: sonar {self.sonar!r} has only "
+                             f"{', '.join(self.geometry.positions_m)}; choose one of them or another --sonar")
+        if faults.physics_socket_lost_at_s is not None and not hasattr(self.autopilot, "lose_physics_socket"):
+            raise UsageError(f"fault physics_socket_lost_at_s: autopilot {self.autopilot.kind!r} has no physics "
+                             "socket; use --autopilot arducopter")
 
     # ---- life ------------------------------------------------------------------------------------
     def start(self) -> None:
@@ -188,6 +200,14 @@ class World:
             if at_s is not None and course_s >= at_s and name not in self._fired:
                 self._fired.add(name)
                 getattr(self.autopilot, action)()
+
+    def fault_that_never_came(self) -> str | None:
+        """A timed fault whose moment lay after the end of the course: the flight says nothing about it."""
+        course_s = (self.judge.result().t_us - self._course_us) / 1e6 if self._course_us is not None else 0.0
+        for name, at_s in self.faults.to_dict().items():
+            if name.endswith("_at_s") and at_s > course_s:
+                return f"fault {name}={at_s:g} never happened: the course ended after {course_s:.1f} s"
+        return None
 
     # ---- result ----------------------------------------------------------------------------------
     def note_command(self, data: bytes) -> None:

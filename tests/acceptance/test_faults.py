@@ -5,6 +5,8 @@ import pytest
 
 from bench.flight_summary import trial_verdict
 from bench.verdict import Verdict
+from saranga.errors import UsageError
+from sitl.live import run_live_trial
 from sitl.trial import run_trial
 from sitl.trial_types import Faults, TrialRequest
 
@@ -53,3 +55,20 @@ def test_late_setpoints_change_the_flight_but_stay_judged() -> None:
     late = run_trial(TrialRequest("poles", seed=1, keep_log=False, faults=Faults(setpoint_delay_ms=400)))
     assert late.determinism_hash != prompt.determinism_hash
     assert late.outcome in {"clean", "obstacle_hit", "net_hit", "timeout", "stuck"} and late.cause
+
+
+@pytest.mark.parametrize("faults,says", [
+    (Faults(dead_sensor="down"), "has only left, right"), (Faults(physics_socket_lost_at_s=1.0), "no physics socket")])
+def test_a_fault_that_cannot_happen_is_refused(faults: Faults, says: str) -> None:
+    with pytest.raises(UsageError, match=says):
+        run_trial(TrialRequest("open", faults=faults))
+
+
+def test_a_fault_that_came_too_late_is_no_pass() -> None:
+    result = run_trial(TrialRequest("open", seed=3, faults=Faults(echo_silent_at_s=60.0), keep_log=False))
+    assert result.outcome == "infrastructure" and "never happened" in result.cause and not result.success_strict
+
+
+def test_faults_inside_the_stack_are_refused_in_live_mode() -> None:
+    with pytest.raises(UsageError, match="nan_policy_at_s acts inside the stack"):
+        run_live_trial(TrialRequest("open", faults=Faults(nan_policy_at_s=1.0)))

@@ -37,6 +37,12 @@ def height_m(row: dict[str, Any]) -> float:
     return -row["pos_m"][2] - MOUNT_HEIGHT_M
 
 
+def wait_until(condition: Callable[[], bool], seconds: float) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.05)
+
+
 def check_truth(world: World) -> None:
     """One hop of 1 m, 1.5 m or a little more forward at 0.5 m/s, down softly, motors off."""
     truth = world.truth
@@ -80,26 +86,31 @@ def test_mavproxy_flies_it(
 ) -> None:
     world = start_world(autopilot, "--udp-to", str(free_port), "--origin")
     proxy = mavproxy(f"udpin:127.0.0.1:{free_port}")
+
+    def insist(line: str, done: Callable[[dict[str, Any]], bool], every_s: float = 4.0) -> None:
+        """Type it until it is done, as a pilot would: on a busy machine the vehicle may not yet be where we think."""
+        deadline = time.monotonic() + STEP_S
+        while not done(world.truth[-1]):
+            assert time.monotonic() < deadline, f"{line!r} had no effect: {world.truth[-1]}; {proxy.said[-2000:]}"
+            proxy.type(line)
+            wait_until(lambda: done(world.truth[-1]), every_s)
+
     proxy.wait(r"Received \d+ parameters", 60.0)
     proxy.type("param set LAND_SPEED 50")
     time.sleep(1.0)
     proxy.type("param show LAND_SPEED")
     proxy.wait(r"LAND_SPEED\s+50", STEP_S)
-    proxy.type("mode guided")
-    proxy.wait("Mode GUIDED", STEP_S)
-    proxy.type("arm throttle")
-    world.wait("motors on", lambda row: row["motors_on"], STEP_S)
-    proxy.type("takeoff 1")
+    insist("mode guided", lambda row: row["mode"] == "GUIDED")
+    insist("arm throttle", lambda row: row["motors_on"])
+    insist("takeoff 1", lambda row: height_m(row) > 0.2)
     proxy.wait("NAV_TAKEOFF: ACCEPTED", STEP_S)
     world.wait("at height", lambda row: height_m(row) > 0.9, STEP_S)
     time.sleep(1.5)
-    deadline = time.monotonic() + STEP_S
-    while world.truth[-1]["pos_m"][0] < FORWARD_M and time.monotonic() < deadline:
-        proxy.type(f"velocity {SPEED_M_S} 0 0")  # goes out once, and the vehicle brakes after GUID_TIMEOUT
-        time.sleep(0.5)
+    # It goes out once at every command, and the vehicle brakes after GUID_TIMEOUT without one.
+    insist(f"velocity {SPEED_M_S} 0 0", lambda row: row["pos_m"][0] > FORWARD_M, every_s=1.0)
     proxy.type("velocity 0 0 0")
     time.sleep(1.5)
-    proxy.type("mode land")
+    insist("mode land", lambda row: row["mode"] == "LAND")
     proxy.wait("Mode LAND", STEP_S)
     proxy.wait("DISARMED", STEP_S)
     world.wait("motors off", lambda row: not row["motors_on"], 5.0)
