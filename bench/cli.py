@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench import runs_cli, sitl_cli
+from bench import rig_cli, runs_cli, sitl_cli
 from saranga.errors import BenchError
 
 EXIT_CODES = "Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted."
@@ -21,6 +21,7 @@ app = typer.Typer(
     help="Test bench and simulator for ultrasound obstacle avoidance on palm-sized quadrotors.",
     epilog=f"Start with: saranga-bench fly poles. {EXIT_CODES}",
 )
+app.add_typer(rig_cli.app, name="rig")
 app.add_typer(sitl_cli.app, name="sitl")
 runs_cli.add_commands(app)
 

@@ -17,6 +17,7 @@ from bench.terminal import Reporter
 from bench.verdict import Limit, find_limits, load_limits
 from saranga.errors import BenchError, UsageError
 from saranga.fixtures import fixture_path, load_toml
+from saranga.numba_cache import is_cold
 from sitl.trial_types import TrialProgress, TrialRequest, TrialResult
 
 AUTOPILOTS = ("embedded", "arducopter")
@@ -123,6 +124,8 @@ def _write_page(folder: Path, reporter: Reporter) -> None:
 
 
 def _fly_all(plan: FlyPlan, run: Run, journal: Journal, reporter: Reporter, interrupts: Interrupts) -> str:
+    if is_cold():
+        reporter.note("compiling kernels, about half a minute: once after an installation or a change of the sources")
     runner = find_runner(plan.live)
     for seed in plan.seeds:
         if interrupts.asked():

@@ -41,6 +41,12 @@ def use_own_cache() -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
+def is_cold() -> bool:
+    """Whether nothing has been compiled yet for this state of the sources."""
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    return folder is not None and next(Path(folder).rglob("*.nbi"), None) is None
+
+
 def _prune(caches: Path) -> None:
     """Keep the few newest: older ones belong to sources that are gone."""
     folders = sorted((f for f in caches.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime, reverse=True)

@@ -82,16 +82,6 @@ class World:
                 or not condition(self.truth[-1]):
             pytest.fail(f"{what}: not within {seconds:g} s; truth {self.truth[-1]}; {self._errors.read_text()[-2000:]}")
 
-    @property
-    def orphans(self) -> list[str]:
-        """What it started and is still there."""
-        left = []
-        for process in self.children:
-            with contextlib.suppress(psutil.NoSuchProcess):
-                if process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
-                    left.append(f"{process.pid} {process.name()}")
-        return left
-
     def close(self) -> int:
         """End it the way its user does; returns its exit code, or that of the kill it needed."""
         assert self.process.stdin is not None
@@ -131,8 +121,11 @@ def start_world(tmp_path: Path) -> Iterator[Callable[..., World]]:
     for world in worlds:
         killed_by_the_test = world.process.poll() == -signal.SIGKILL
         code = world.close()
+        left = psutil.wait_procs(world.children, timeout=5.0)[1]
+        for orphan in left:
+            orphan.kill()
         assert killed_by_the_test or code == 0, f"world process ended with {code}"
-        assert wait_until(lambda world=world: not world.orphans, 5.0), world.orphans  # type: ignore[misc]
+        assert left == [], "the world process left these behind"
 
 
 class MavProxy:

@@ -12,7 +12,8 @@ Then, the same for both, over UDP or TCP:
 
 The vehicle has no GPS, so the script tells it where it is. Each step is told on standard error; one JSON object with
 what MAVSDK saw goes to standard output. Exit code 0: landed and disarmed. 1: not, with the reason. 2: a bad argument.
-When a step fails, or at Ctrl-C, a vehicle that is armed is told to land.
+When a step fails, or at Ctrl-C, a vehicle that is armed is told to land. Should the script be killed in flight, the
+vehicle lands by itself after 5 s (FS_GCS_ENABLE), because the script speaks as system 255, a ground station.
 """
 
 import argparse
@@ -37,11 +38,17 @@ from mavsdk import (
 )
 from mavsdk.plugins.action import Action, ActionError
 from mavsdk.plugins.info import Info
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 from mavsdk.plugins.offboard import Offboard, VelocityBodyYawspeed
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = 42.27381, -71.80989, 150.0
+# MAVSDK's own would be 245, which ArduPilot does not watch: killed in flight, it would leave the vehicle hovering.
+WATCHED_SYSTEM = 255
+# DO_SET_MODE with custom mode 4, ArduCopter's GUIDED (MAVSDK reads it as OFFBOARD).
+SET_GUIDED = {"target_system": 1, "target_component": 1, "command": 176, "confirmation": 0, "param1": 1.0,
+              "param2": 4.0, "param3": 0.0, "param4": 0.0, "param5": 0.0, "param6": 0.0, "param7": 0.0}
 TELEMETRY_HZ = 10.0
 STEP_LIMIT_S = 30.0
 FAILURES = (MavsdkError, ConnectionError, TimeoutError)
@@ -106,6 +113,21 @@ class Flight:
         volts = self.telemetry.battery().voltage_v
         self.seen["battery_v"] = round(volts, 2) if volts > 0.0 else None  # None: it has no battery monitor
 
+    def go_guided(self) -> None:
+        """ArduPilot stays in LAND after a landing and then refuses to arm; MAVSDK has no call for this mode."""
+        direct = MavlinkDirect(self.system)
+        message = MavlinkMessage("COMMAND_LONG", fields_json=json.dumps(SET_GUIDED))
+        asked_s = 0.0
+
+        def guided() -> bool:
+            nonlocal asked_s
+            if time.monotonic() - asked_s > 2.0:
+                asked_s = time.monotonic()
+                direct.send_message(message)
+            return FlightMode(self.telemetry.flight_mode()) is FlightMode.OFFBOARD
+
+        self.wait("guided mode", guided)
+
     def take_off(self, height_m: float) -> None:
         self.action.set_takeoff_altitude(height_m)
         self.action.arm()
@@ -153,7 +175,9 @@ def fly(url: str, height_m: float, speed_m_s: float, forward_m: float, ready_s: 
     Raises:
         One of FAILURES: what did not work. An armed vehicle has then been told to land.
     """
-    with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
+    configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+    configuration.system_id = WATCHED_SYSTEM
+    with Mavsdk(configuration) as mavsdk:
         result = mavsdk.add_any_connection(url)
         if result != ConnectionResult.SUCCESS:
             raise ConnectionError(f"{url}: {result}")
@@ -165,6 +189,7 @@ def fly(url: str, height_m: float, speed_m_s: float, forward_m: float, ready_s: 
         try:
             flight.identify()
             flight.get_ready(ready_s)
+            flight.go_guided()
             flight.take_off(height_m)
             flight.go_forward(speed_m_s, forward_m)
             flight.land()

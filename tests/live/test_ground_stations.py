@@ -43,13 +43,13 @@ def wait_until(condition: Callable[[], bool], seconds: float) -> None:
         time.sleep(0.05)
 
 
-def check_truth(world: World) -> None:
-    """One hop of 1 m, 1.5 m or a little more forward at 0.5 m/s, down softly, motors off."""
+def check_truth(world: World, sideways_m: float) -> None:
+    """One hop of 1 m, 1.5 m or a little more forward at 0.5 m/s, down, motors off."""
     truth = world.truth
     assert max(map(height_m, truth)) == pytest.approx(1.0, abs=0.15)
     assert max(row["vel_m_s"][0] for row in truth) == pytest.approx(SPEED_M_S, abs=0.1)
     assert FORWARD_M - 0.2 < truth[-1]["pos_m"][0] < FORWARD_M + 1.2
-    assert abs(truth[-1]["pos_m"][1]) < 0.5
+    assert abs(truth[-1]["pos_m"][1]) < sideways_m
     assert {"GUIDED", "LAND"} <= {row["mode"] for row in truth}
     flown = [row["motors_on"] for row in truth]
     assert any(flown) and not flown[0] and not flown[-1], "the motors turn in flight and only then"
@@ -61,14 +61,17 @@ def check_truth(world: World) -> None:
 def test_mavsdk_flies_it(
     autopilot: str, transport: str, start_world: StartWorld, run_program: RunProgram, free_port: int
 ) -> None:
-    world = start_world(autopilot, *(("--tcp", "0") if transport == "tcp" else ("--udp-to", str(free_port))))
+    # Over UDP the script alone tells the vehicle where it is, over TCP the world has done so at boot.
+    ports = ("--tcp", "0", "--origin") if transport == "tcp" else ("--udp-to", str(free_port))
+    world = start_world(autopilot, *ports)
     address = world.started["urls"][0].partition("://")[2]
     url = f"tcpout://{address}" if transport == "tcp" else f"udpin://{address}"
     flight = run_program("mavsdk_flight.py", url, "--height", "1", "--speed", str(SPEED_M_S), "--forward",
                          str(FORWARD_M))
     assert flight.returncode == 0, flight.stdout[-2000:] + flight.stderr[-2000:]
     world.wait("motors off", lambda row: not row["motors_on"], 5.0)
-    check_truth(world)
+    # ArduCopter that learns late where it is learns the compass declination late, and turns by 9 deg in flight.
+    check_truth(world, sideways_m=0.2 if transport == "tcp" else 0.5)
     seen = json.loads(flight.stdout)
     assert (seen["autopilot"], seen["vehicle"], seen["flight_mode"]) == ("Ardupilot", "Multicopter", "OFFBOARD")
     assert seen["version"].startswith("4." if autopilot == "arducopter" else "0.1.") and seen["guid_timeout_s"] == 3.0
@@ -114,7 +117,7 @@ def test_mavproxy_flies_it(
     proxy.wait("Mode LAND", STEP_S)
     proxy.wait("DISARMED", STEP_S)
     world.wait("motors off", lambda row: not row["motors_on"], 5.0)
-    check_truth(world)
+    check_truth(world, sideways_m=0.2)
 
 
 @pytest.mark.real_arducopter

@@ -11,6 +11,7 @@ object a line. It ends after --seconds, at Ctrl-C, or when the pipe that is its 
 import argparse
 import contextlib
 import json
+import math
 import os
 import select
 import signal
@@ -130,9 +131,11 @@ class World:
     def truth(self) -> dict[str, Any]:
         """What the physics knows, and the autopilot's mode by its last heartbeat. `motors_on` is what armed means."""
         state = self.physics.state
+        w, x, y, z = state.quat.tolist()
+        yaw_deg = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         return {"t_s": state.t_us / 1e6, "pos_m": state.pos_m.tolist(), "vel_m_s": state.vel_m_s.tolist(),
-                "on_ground": state.on_ground, "motors_on": self.motors_on, "voltage_v": state.voltage_v,
-                "mode": self.link.status.mode_name}
+                "yaw_deg": yaw_deg, "on_ground": state.on_ground, "motors_on": self.motors_on,
+                "voltage_v": state.voltage_v, "mode": self.link.status.mode_name}
 
 
 def open_ports(arguments: argparse.Namespace, stack: contextlib.ExitStack) -> list[MavlinkPort]:
