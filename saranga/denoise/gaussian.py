@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from saranga.denoise.base import Denoiser
 from saranga.denoise.peaks import put_peak
 from saranga.denoise.pulse import BANDWIDTH_HZ, RING_DOWN_M, blank_columns, pulse
+from saranga.denoise.sobel_edges import rising_edges
 from saranga.echo import EchoImage
 
 NAME = "gaussian"
@@ -68,8 +69,7 @@ class GaussianSobel:
 def _rises(envelope, rows, row_weights, range_weights, blank, apart):  # type: ignore[no-untyped-def]
     """(k, 2): column and height, in robust spreads, of the rising edges of the newest row."""
     m, n = envelope.shape
-    found = np.empty((n, 2))
-    count = 0
+    nothing = np.empty((0, 2))
     mean = np.zeros(n, dtype=np.float32)
     total = np.float32(0.0)
     depth = row_weights.size
@@ -85,7 +85,7 @@ def _rises(envelope, rows, row_weights, range_weights, blank, apart):  # type: i
         for c in range(n):
             mean[c] += weight * row[c]
     if total <= 0.0:
-        return found[:0]
+        return nothing
     slope = np.zeros(n, dtype=np.float32)
     reach = range_weights.size // 2
     highest = np.float32(0.0)
@@ -97,28 +97,10 @@ def _rises(envelope, rows, row_weights, range_weights, blank, apart):  # type: i
         highest = max(highest, abs(slope[c]))
     first = max(blank, reach)
     if highest <= 0.0 or n - reach - first < 16:
-        return found[:0]
+        return nothing
     spread = np.median(np.abs(slope[first:n - reach])) / np.float32(0.6745)
     spread = max(spread, np.float32(1e-2) * highest)
-    for c in range(first + 1, n - reach - 1):
-        here = slope[c]
-        if here <= spread:
-            continue
-        top = True
-        for j in range(max(first, c - apart), min(n - reach, c + apart + 1)):
-            if slope[j] > here or (slope[j] == here and j < c):
-                top = False
-                break
-        if not top:
-            continue
-        bend = slope[c - 1] - np.float32(2.0) * here + slope[c + 1]
-        shift = np.float32(0.0)
-        if bend < 0.0:
-            shift = np.float32(0.5) * (slope[c - 1] - slope[c + 1]) / bend
-        found[count, 0] = c + min(max(shift, np.float32(-0.5)), np.float32(0.5))
-        found[count, 1] = here / spread
-        count += 1
-    return found[:count]
+    return rising_edges(slope, spread, first, n - reach, apart)
 
 
 def build(bandwidth_hz: float = BANDWIDTH_HZ, ring_down_m: float = RING_DOWN_M) -> Denoiser:
