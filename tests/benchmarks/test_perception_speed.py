@@ -1,4 +1,4 @@
-"""How long perception takes on one thread, and what it finds: `pytest tests/benchmarks --benchmark-only -s`."""
+"""How long perception takes on one thread, and what it finds: `make bench`."""
 
 import numpy as np
 import pytest
@@ -40,10 +40,9 @@ def test_edges_localise_and_decide(benchmark) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(LIMIT_MS))
-def test_table_of_hit_rates(benchmark, capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_table_of_hit_rates(benchmark, tables: list[str], name: str) -> None:
     lines = benchmark.pedantic(_table, args=(name, 150), rounds=1)
-    with capsys.disabled():
-        print("\n" + "\n".join(lines))
+    tables.append("\n".join(lines))
     assert len(lines) == 7
 
 

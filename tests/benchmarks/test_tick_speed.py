@@ -72,7 +72,7 @@ def test_embedded_autopilot_step(benchmark: Any) -> None:
     def move() -> None:
         bench.physics.step(TICK_US, throttle)
 
-    benchmark.pedantic(step, setup=sense, teardown=move, rounds=2000, warmup_rounds=TICKS)
+    benchmark.pedantic(step, setup=sense, teardown=move, rounds=1000, warmup_rounds=100)
     assert bench.height_m > 0.5
     assert benchmark.stats.stats.median * 1e6 < 25.0
 
