@@ -1,10 +1,11 @@
-"""`python -m saranga`: the stack on a companion computer."""
+"""`python -m saranga`: the stack on a companion computer, and what it is trained on."""
 
 import argparse
 import signal
 import sys
 from pathlib import Path
 
+from saranga import synthesis_command
 from saranga.errors import BenchError, UsageError
 
 RUN_HELP = """\
@@ -35,6 +36,11 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--speed", type=float, default=1.0, metavar="M/S", help="desired speed (default: %(default)s)")
     run.add_argument("--temperature", type=float, default=20.0, metavar="C", help="air, for the speed of sound")
     run.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a tick")
+    run.set_defaults(handler=_run)
+    synthesise = commands.add_parser("synthesise", help="draw training pairs", description=synthesis_command.HELP,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    synthesis_command.add_arguments(synthesise)
+    synthesise.set_defaults(handler=synthesis_command.run)
     return parser
 
 
@@ -74,7 +80,8 @@ def main(argv: list[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     arguments = _parser().parse_args(argv)
     try:
-        return _run(arguments)
+        code: int = arguments.handler(arguments)
+        return code
     except BenchError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
