@@ -57,6 +57,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"--speed {arguments.speed:g} m/s: must be over 0 and at most 3 m/s")
     stack = Stack(load_denoiser(arguments.denoiser), load_policy(arguments.stack, desired_speed_m_s=arguments.speed),
                   load_sonar(arguments.sonar), arguments.temperature)
+    stack.warm_up()
     source = open_source(arguments.echoes)
     vehicle = open_transport(arguments.vehicle)
     try:

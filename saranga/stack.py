@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.denoise import Denoiser
-from saranga.echo import EchoCycle, EchoImage, SonarGeometry, sound_speed_m_s
+from saranga.echo import EchoCycle, EchoFrame, EchoImage, SonarGeometry, sound_speed_m_s
 from saranga.localise import Obstacle, edges, localise
 from saranga.navigate import Policy, VelocityCommand
 
@@ -65,6 +65,16 @@ class Stack:
         self._seen_us = dict.fromkeys(self._images)
         self._started_us = None
         self.policy.reset()
+
+    def warm_up(self) -> None:
+        """Run every stage once on noise, so that nothing is compiled or loaded in flight; leaves nothing behind."""
+        geometry = self.geometry
+        noise = np.random.default_rng(0).normal(0.0, 500.0, (geometry.samples, 2)).astype(np.int16)
+        for trigger in range(2):
+            frames = {role: EchoFrame(role, k, trigger, trigger, trigger * geometry.cycle_us, geometry.fop_hz,
+                                      geometry.odr, 0, noise) for k, role in enumerate(geometry.roles)}
+            self.step([EchoCycle(trigger, trigger * geometry.cycle_us, frames)], trigger * geometry.cycle_us)
+        self.reset()
 
     def step(self, cycles: Sequence[EchoCycle], t_us: int) -> Decision:
         """Take the cycles that arrived since the last step and decide.

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from saranga.echo import EchoImage, sound_speed_m_s
 from saranga.errors import DeviceError, UsageError
 from saranga.navigate import VelocityCommand
+from saranga.numba_cache import is_cold
 from saranga.sources import InProcessSource
 from saranga.stack import HOLD, Decision
 from sitl.autopilot import make_autopilot
@@ -29,7 +30,7 @@ from sitl.ground_control import Phase
 from sitl.process import die_with_parent
 from sitl.rig_ports import PtyPort, TcpPort
 from sitl.scene import build_scene, load_scene
-from sitl.trial import PROGRESS_US, Cancel, Progress, collect, ended, progress_of
+from sitl.trial import PROGRESS_US, Cancel, Progress, collect, ended, progress_of, run_trial
 from sitl.trial_types import Faults, TrialRequest, TrialResult
 from sitl.world import World
 
@@ -133,6 +134,8 @@ def run_live_trial(request: TrialRequest, progress: Progress | None = None, canc
         if name in faults.to_dict():
             raise UsageError(f"fault {name} acts inside the stack, which is its own process in live mode: fly it in "
                              "lockstep")
+    if is_cold():
+        run_trial(replace(request, autopilot="embedded", faults=None, workdir=None, keep_log=False))
     scene = build_scene(load_scene(request.scene), request.seed)
     wall_start = time.perf_counter()
     with contextlib.ExitStack() as stack:

@@ -172,8 +172,8 @@ def _fly(request: TrialRequest, world: World, companion: _Companion, recorder: F
 
 
 def ended(world: World, fault_cause: str | None, t_us: int, max_sim_s: float) -> tuple[str, str] | None:
-    ground = world.ground
     """Why the flight cannot go on, as (outcome, cause), other than by the judge."""
+    ground = world.ground
     if fault_cause is not None:
         return "infrastructure", fault_cause
     if ground.phase is Phase.FAILED:

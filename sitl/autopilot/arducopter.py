@@ -34,6 +34,9 @@ POLL_S = 0.25
 CLOSING_TICKS = 400
 # ArduPilot truncates (t1 - t0) * 1e6 to integer microseconds; without the nudge 0.0025 s becomes 2499 us.
 TIMESTAMP_NUDGE_S = 1e-7
+# ArduPilot ignores the text before its first newline. It must come with the first state, and that state's time must
+# not be zero: while its clock stands at zero ArduPilot counts wall time, and its boot would depend on the machine.
+GREETING = b"\n"
 HOME = "42.27381,-71.80989,150,0"
 STATE = (
     '{"timestamp":%.7f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},'
@@ -67,6 +70,7 @@ class ArduCopter:
         self._cause: str | None = None
         self._last_state: tuple[float, ...] = ()
         self._closing_us = 0
+        self._greeting = GREETING
 
     # ---- life ------------------------------------------------------------------------------------
     def start(self, state: VehicleState) -> None:
@@ -107,8 +111,6 @@ class ArduCopter:
         self._udp.setblocking(True)
         self._udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeout)
         self._take_servos(packet)
-        # ArduPilot ignores the text before its first newline: give it one to throw away.
-        self._udp.send(b"\n")
 
     def _accept(self, listener: socket.socket, deadline: float) -> socket.socket:
         listener.settimeout(POLL_S)
@@ -184,7 +186,8 @@ class ArduCopter:
             self._last_state = (*state.rates_rad_s.tolist(), *state.accel_body_m_s2.tolist(), *state.pos_m.tolist(),
                                 *state.quat.tolist(), *state.vel_m_s.tolist())
             self._closing_us = state.t_us
-            self._udp.send(self._state_text(state.t_us))
+            self._udp.send(self._greeting + self._state_text(state.t_us))
+            self._greeting = b""
             self._take_servos(self._await_servos())
         except (ConnectionError, BrokenPipeError) as error:
             time.sleep(0.05)
@@ -192,7 +195,8 @@ class ArduCopter:
         return self._throttle, self._drain()
 
     def _state_text(self, t_us: int) -> bytes:
-        timestamp_s = t_us * 1e-6 + TIMESTAMP_NUDGE_S * (t_us // TICK_US)
+        clock_us = t_us + TICK_US
+        timestamp_s = clock_us * 1e-6 + TIMESTAMP_NUDGE_S * (clock_us // TICK_US)
         return (STATE % (timestamp_s, *self._last_state)).encode("ascii")
 
     def _send(self, data: bytes) -> None:

@@ -111,3 +111,11 @@ def test_a_vehicle_never_heard_and_one_gone_silent_are_errors(monkeypatch: pytes
 
 def test_a_link_state_that_was_never_heard_allows_nothing() -> None:
     assert not may_command(VehicleLink())
+
+
+def test_warming_up_leaves_no_trace() -> None:
+    stack = Stack(load_denoiser("tbd"), load_policy("saranga"), load_sonar("pair"))
+    stack.warm_up()
+    decision = stack.step([], 0)
+    assert decision.fault == "waiting for the first echoes" and not decision.obstacles
+    assert all(not image.any() for image in decision.images.values())
