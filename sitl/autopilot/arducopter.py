@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from saranga.errors import DeviceError
 from sitl.autopilot.binary import require_binary
+from sitl.autopilot.one_cpu import OneCpu
 from sitl.autopilot.parameters import load_parameters, write_defaults
 from sitl.physics import VehicleState
 from sitl.process import die_with_parent
@@ -71,6 +72,7 @@ class ArduCopter:
         self._last_state: tuple[float, ...] = ()
         self._closing_us = 0
         self._greeting = GREETING
+        self._one_cpu = OneCpu()
 
     # ---- life ------------------------------------------------------------------------------------
     def start(self, state: VehicleState) -> None:
@@ -111,6 +113,8 @@ class ArduCopter:
         self._udp.setblocking(True)
         self._udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeout)
         self._take_servos(packet)
+        assert self._process is not None
+        self._one_cpu.take(self._process.pid)
 
     def _accept(self, listener: socket.socket, deadline: float) -> socket.socket:
         listener.settimeout(POLL_S)
@@ -153,6 +157,7 @@ class ArduCopter:
         return ""
 
     def close(self) -> None:
+        self._one_cpu.release()
         process = self._process
         if process is not None and process.poll() is None:
             process.terminate()
