@@ -29,7 +29,7 @@ ATTEMPTS = 4
 MOST_CONNECTIONS = 50
 PAUSE_S = 0.5
 BLOCK = 1 << 16
-ELSE = "or build it (ArduPilot: ./waf configure --board sitl && ./waf copter) and set ARDUCOPTER to its path"
+ELSE = "or set ARDUCOPTER to the path of an ArduCopter SITL binary that you built from ArduPilot's source"
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 from saranga.errors import DeviceError
 
 WHAT_TO_DO = (
-    "run `saranga-bench sitl install`, or build it (ArduPilot: ./waf configure --board sitl && "
-    "./waf copter) and set ARDUCOPTER to its path"
+    "run `saranga-bench sitl install`, or set ARDUCOPTER to the path of an ArduCopter SITL binary that you built "
+    "from ArduPilot's source"
 )
 
 
