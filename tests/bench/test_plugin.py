@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+import scipy.stats  # noqa: F401 - pytester forgets what is first imported inside its tests; numpy.fft loads only once
 from fake_flights import SCENE
 
 from bench.flight_summary import summarise
