@@ -1,9 +1,6 @@
 """Every echo of one transmitter at one receiver: the laws of `echoes.py` run over a scene's primitives."""
 
 import math
-from collections.abc import Callable
-from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 from numba import njit
@@ -90,8 +87,8 @@ def _near(facets, cylinders, origin, reach):  # type: ignore[no-untyped-def]
     return near_facets[:n], near_cylinders[:m]
 
 
-@njit
-def _trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
     """Echoes and the direct sound from `tx` at `rx`; returns how many rows of `out` (K, ARRIVAL_COLUMNS) hold them.
 
     Args:
@@ -226,22 +223,3 @@ def _cosines(row, tx, rx, point, d1, d2):  # type: ignore[no-untyped-def]
         cos_in = math.sqrt(max(0.0, 1.0 - cos_in * cos_in))
         cos_out = math.sqrt(max(0.0, 1.0 - cos_out * cos_out))
     return cos_in, cos_out
-
-
-def _cached(laws: int) -> Callable[..., int]:
-    """`_trace`, cached on disk under the laws it was compiled from.
-
-    numba renews a cached function when its own file changes, not when a file that it calls into does; a value from
-    outside the function is part of the cache's key, so a changed law cannot be answered from an old cache.
-    """
-
-    @njit(cache=True)
-    def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
-        return _trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out) + 0 * laws
-
-    return trace
-
-
-LAWS = ("beam.py", "doppler.py", "echoes.py", "mirrors.py", "occlusion.py", "tracing.py")
-trace = _cached(crc32(b"".join((Path(__file__).parent / name).read_bytes() for name in LAWS)))
-trace.__doc__ = _trace.__doc__
