@@ -17,6 +17,7 @@ from saranga.byte_links import ByteLink
 from saranga.echo import EchoCycle
 from saranga.errors import DeviceError
 from saranga.navigate import VelocityCommand
+from saranga.sonar_geometry import LIMITS
 from saranga.sources import EchoSource
 from saranga.stack import HOLD, Decision, Stack
 from saranga.vehicle import MODE_GUIDED, VehicleLink
@@ -25,6 +26,8 @@ TICK_S = 0.0625
 STATUS_S = 1.0
 VEHICLE_SILENT_S = 3.0
 FIRST_HEARTBEAT_S = 30.0
+TEMPERATURE_STEP_C = 0.25
+"""0.7 mm at 1.6 m; a new speed of sound costs about 2 ms, so it must not change with every reading."""
 
 
 @dataclass
@@ -50,10 +53,11 @@ class Companion:
     Args:
         log: one JSON line a tick is appended here when given.
         say: where a status line a second goes.
+        follow_temperature: take the air's temperature from the rig's STATUS, where it measures one.
     """
 
     def __init__(self, stack: Stack, source: EchoSource, vehicle: ByteLink, log: Path | None = None,
-                 say: Callable[[str], None] = print) -> None:
+                 say: Callable[[str], None] = print, follow_temperature: bool = False) -> None:
         self.stack = stack
         self.source = source
         self.vehicle = vehicle
@@ -64,6 +68,8 @@ class Companion:
         self._stop: str | None = None
         self._was_commanding = False
         self._pending: list[EchoCycle] = []
+        self._follow_temperature = follow_temperature
+        self._temperature_c: float | None = None
 
     def stop(self, reason: str) -> None:
         """Ask the loop to end after this tick (safe from a signal handler)."""
@@ -89,6 +95,7 @@ class Companion:
                 next_tick = max(next_tick + TICK_S, now - TICK_S)
                 t_us = round((now - started) * 1e6)
                 self._hear(t_us, now - started)
+                self._warm_or_cool()
                 decision = self.stack.step(cycles, t_us)
                 self._command(decision, t_us)
                 if now >= next_second:
@@ -110,6 +117,20 @@ class Companion:
         if heard is not None and t_us - heard > VEHICLE_SILENT_S * 1e6:
             raise DeviceError(f"vehicle silent for {(t_us - heard) / 1e6:.1f} s (limit {VEHICLE_SILENT_S:g} s): "
                               "check the MAVLink cable or port")
+
+    def _warm_or_cool(self) -> None:
+        """Follow the rig's thermometer in steps of TEMPERATURE_STEP_C; what no air in which it flies has is ignored."""
+        status = self.source.status
+        if not self._follow_temperature or status is None:
+            return
+        low, high = LIMITS["weather"]["temperature_c"]
+        if not low <= status.temperature_c <= high:
+            return
+        temperature_c = TEMPERATURE_STEP_C * round(status.temperature_c / TEMPERATURE_STEP_C)
+        if temperature_c != self._temperature_c:
+            self._temperature_c = temperature_c
+            self.stack.set_temperature(temperature_c)
+            self._say(f"air {temperature_c:g} C: {self.stack.c_m_s:.1f} m/s")
 
     def _command(self, decision: Decision, t_us: int) -> None:
         step_ms = sum(decision.timing_ms.values())

@@ -17,6 +17,9 @@ class EchoSource(Protocol):
     def hello(self) -> Hello | None: ...
 
     @property
+    def status(self) -> Status | None: ...
+
+    @property
     def counters(self) -> LinkCounters: ...
 
     @property

@@ -106,7 +106,33 @@ def localise(
                          "sensors, or None")
     down = np.sort(np.asarray(paths_down, dtype=np.float64).ravel()) if three_d else np.empty(0)
     one_to_one = matching == "one_to_one"
-    found = _localise(left, right, down, three_d, geometry.baseline_h_m, geometry.baseline_v_m, one_to_one, tolerance)
+    limit_h, limit_v = (b * (1.0 + tolerance) for b in (geometry.baseline_h_m, geometry.baseline_v_m))
+    pair = _one_to_one if one_to_one else _median_disparity
+    across = pair(left, right, limit_h)
+    return positions(left, across, pair(left, down, limit_v) if three_d else None, geometry, score)
+
+
+def positions(
+    paths_left: ArrayLike,
+    across_m: ArrayLike,
+    below_m: ArrayLike | None,
+    geometry: SonarGeometry,
+    strengths: ArrayLike | None = None,
+) -> list[Obstacle]:
+    """Obstacles from left paths (k,) and their disparities, however these were found (`saranga.disparity`).
+
+    Args:
+        across_m: left less right path, below_m: left less down path (None: 2-D), (k,); NaN: no partner, no obstacle.
+            More than the baseline counts as the baseline.
+        strengths: becomes `Obstacle.score` (1 where absent).
+
+    Returns:
+        Sorted by range.
+    """
+    left, across = (np.asarray(a, dtype=np.float64).ravel() for a in (paths_left, across_m))
+    below = np.zeros(left.size) if below_m is None else np.asarray(below_m, dtype=np.float64).ravel()
+    score = np.ones(left.size) if strengths is None else np.asarray(strengths, dtype=np.float64).ravel()
+    found = _positions(left, across, below, below_m is not None, geometry.baseline_h_m, geometry.baseline_v_m)
     return [_obstacle(row, score) for row in found]
 
 
@@ -195,13 +221,7 @@ def _median_disparity(left, other, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _localise(left, right, down, three_d, base_h, base_v, one_to_one, tolerance):  # type: ignore[no-untyped-def]
-    limit_h = base_h * (1.0 + tolerance)
-    limit_v = base_v * (1.0 + tolerance)
-    across = _one_to_one(left, right, limit_h) if one_to_one else _median_disparity(left, right, limit_h)
-    below = np.zeros(left.size)
-    if three_d:
-        below = _one_to_one(left, down, limit_v) if one_to_one else _median_disparity(left, down, limit_v)
+def _positions(left, across, below, three_d, base_h, base_v):  # type: ignore[no-untyped-def]
     out = np.empty((left.size, 5))
     k = 0
     for i in range(left.size):

@@ -1,7 +1,7 @@
 """Where the sonar sensors sit and what they are: `fixtures/sonars/*.toml` checked into a dataclass."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,21 @@ LIMITS: dict[str, dict[str, tuple[float, float]]] = {
     "horn": {"a_h_m": (1e-4, 0.1), "a_v_m": (1e-4, 0.1)},
     "weather": {"temperature_c": (-40.0, 60.0)},
 }
+CALIBRATION_LIMITS = {"delay_m": (-0.05, 0.05), "phase_rad": (-2.0 * math.pi, 2.0 * math.pi)}
 INTEGERS = {"cycle_us", "odr", "samples", "ring_down_samples"}
 TEXTS = {"name", "description", "transmitter"}
 POSITION_LIMIT_M = 1.0
+
+
+@dataclass(frozen=True)
+class SensorCalibration:
+    """How a sensor differs from the left one: its echoes come `delay_m` of path late and `phase_rad` ahead.
+
+    `saranga.disparity.calibrate` measures it. The phase is that of the carrier apart from the delay of the envelope.
+    """
+
+    delay_m: float = 0.0
+    phase_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -33,7 +45,7 @@ class SonarGeometry:
 
     `baseline_h_m` is left to right, `baseline_v_m` left to down (0 without a down sensor). Counts are |IQ|
     of the sensor's int16 output. `counts_at_1m` is the echo of a large plane at 1 m on axis,
-    transmit/receive.
+    transmit/receive. `calibration` is by role; a role in it has a known phase against the left sensor.
     """
 
     name: str
@@ -55,6 +67,7 @@ class SonarGeometry:
     a_h_m: float
     a_v_m: float
     temperature_c: float
+    calibration: dict[str, SensorCalibration] = field(default_factory=dict)
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -94,7 +107,7 @@ def load_sonar(name: str) -> SonarGeometry:
                          f"least receiver.full_scale_counts, {values['full_scale_counts']:g}")
     return SonarGeometry(name=sonar["name"], description=sonar["description"], positions_m=positions,
                          transmitter=sonar["transmitter"], baseline_h_m=baseline_h, baseline_v_m=baseline_v,
-                         **values)
+                         calibration=_calibration(path, tables, positions), **values)
 
 
 def _known_only(path: Path, tables: dict[str, Any]) -> None:
@@ -102,6 +115,7 @@ def _known_only(path: Path, tables: dict[str, Any]) -> None:
     known["sonar"] |= TEXTS
     known["positions_m"] = set(ROLES)
     known["baselines_m"] = {"horizontal", "vertical"}
+    known["calibration"] = set(ROLES) - {"left"}
     for table, keys in tables.items():
         if table not in known:
             raise UsageError(f"{path}: unknown table [{table}]: known are {', '.join(sorted(known))}")
@@ -112,7 +126,7 @@ def _known_only(path: Path, tables: dict[str, Any]) -> None:
                 raise UsageError(f"{path}: unknown key {table}.{key}: known are "
                                  f"{', '.join(sorted(known[table]))}")
     for table in known:
-        if table not in tables:
+        if table not in tables and table != "calibration":
             raise UsageError(f"{path}: table [{table}] is missing: copy it from fixtures/sonars/pair.toml")
 
 
@@ -142,6 +156,23 @@ def _position(path: Path, tables: dict[str, Any], role: str) -> tuple[float, flo
                          "within "
                          f"{POSITION_LIMIT_M:g} m of the centre")
     return (float(value[0]), float(value[1]), float(value[2]))
+
+
+def _calibration(path: Path, tables: dict[str, Any],
+                 positions: dict[str, tuple[float, float, float]]) -> dict[str, SensorCalibration]:
+    """The optional tables [calibration.ROLE], complete where they are given."""
+    found = {}
+    for role, keys in tables.get("calibration", {}).items():
+        table = f"calibration.{role}"
+        if role not in positions:
+            raise UsageError(f"{path}: [{table}] is of a sensor that [positions_m] does not have: remove it")
+        if not isinstance(keys, dict) or set(keys) - set(CALIBRATION_LIMITS):
+            raise UsageError(f"{path}: {table} is {keys!r}: it must be a table of "
+                             f"{' and '.join(CALIBRATION_LIMITS)}")
+        values = {key: _number(path, {table: keys}, table, key, *limits)
+                  for key, limits in CALIBRATION_LIMITS.items()}
+        found[role] = SensorCalibration(**values)
+    return found
 
 
 def _baselines(path: Path, tables: dict[str, Any],

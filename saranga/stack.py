@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.denoise import Denoiser
+from saranga.disparity import match
 from saranga.echo import EchoCycle, EchoFrame, EchoImage, SonarGeometry, sound_speed_m_s
-from saranga.localise import Obstacle, edges, localise
+from saranga.errors import UsageError
+from saranga.localise import DISPARITY_TOLERANCE, Obstacle, edges, localise, positions
 from saranga.navigate import Policy, VelocityCommand
 
 HOLD = VelocityCommand(0.0, 0.0, 0.0)
@@ -21,6 +23,7 @@ HOLD = VelocityCommand(0.0, 0.0, 0.0)
 STALE_US = 256_000
 # Nothing the airframe is meant to do is faster; a policy beyond it is broken, not bold.
 MAX_SPEED_M_S = 5.0
+DISPARITIES = ("auto", "phase", "envelope", "edges")
 
 
 @dataclass
@@ -47,17 +50,30 @@ class Stack:
         denoiser, policy: from `load_denoiser`, `load_policy`.
         geometry: the sonar rig; a "down" sensor in it makes the localisation 3-D.
         temperature_c: sets the speed of sound.
+        disparity: what azimuth comes from. `envelope`: the cross-correlation of the echoes; `phase`: that and their
+            carrier (`saranga.disparity`); `edges`: the denoiser's edges alone. `auto` is phase for a sensor whose
+            calibration is in `geometry`, else envelope.
+
+    Raises:
+        UsageError: another `disparity`.
     """
 
     def __init__(self, denoiser: Denoiser, policy: Policy, geometry: SonarGeometry,
-                 temperature_c: float = 20.0) -> None:
+                 temperature_c: float = 20.0, disparity: str = "auto") -> None:
+        if disparity not in DISPARITIES:
+            raise UsageError(f"unknown disparity {disparity!r}: known are {', '.join(DISPARITIES)}")
         self.denoiser = denoiser
         self.policy = policy
         self.geometry = geometry
-        self.c_m_s = sound_speed_m_s(temperature_c)
+        self.disparity = disparity
+        self.set_temperature(temperature_c)
         self._images = {role: EchoImage() for role in geometry.positions_m}
         self._seen_us: dict[str, int | None] = dict.fromkeys(geometry.positions_m)
         self._started_us: int | None = None
+
+    def set_temperature(self, temperature_c: float) -> None:
+        """Speed of sound for the echoes from now on; rows already in the images stay as they are."""
+        self.c_m_s = sound_speed_m_s(temperature_c)
 
     def reset(self) -> None:
         """Forget all echoes and the policy's state."""
@@ -113,7 +129,7 @@ class Stack:
             paths[role] = found - 2.0 * self.denoiser.edge_offset_m
             if role == "left":
                 strength = score
-        decision.obstacles = localise(paths["left"], paths["right"], paths.get("down"), self.geometry, strength)
+        decision.obstacles = self._locate(paths, strength)
         timing["localise"], start = _lap(start)
         command = self.policy.decide(decision.obstacles, t_us)
         timing["navigate"], start = _lap(start)
@@ -121,6 +137,20 @@ class Stack:
         if decision.fault is None:
             decision.command = command
         return decision
+
+    def _locate(self, paths: dict[str, NDArray[np.float64]], strength: NDArray[np.float64]) -> list[Obstacle]:
+        geometry = self.geometry
+        if self.disparity == "edges":
+            return localise(paths["left"], paths["right"], paths.get("down"), geometry, strength)
+        found: dict[str, NDArray[np.float64]] = {}
+        for role, baseline_m in (("right", geometry.baseline_h_m), ("down", geometry.baseline_v_m)):
+            if role in paths:
+                known = geometry.calibration.get(role)
+                on_carrier = self.disparity == "phase" or (self.disparity == "auto" and known is not None)
+                found[role] = match(self._images["left"], self._images[role], paths["left"], paths[role],
+                                    baseline_m * (1.0 + DISPARITY_TOLERANCE), geometry, self.c_m_s,
+                                    method="phase" if on_carrier else "envelope", calibration=known).disparity_m
+        return positions(paths["left"], found["right"], found.get("down"), geometry, strength)
 
     def _silent(self, t_us: int) -> str | None:
         """Which sensors have said nothing for too long."""

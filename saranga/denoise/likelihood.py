@@ -5,6 +5,11 @@ autocorrelation, estimated from the image: a matched filter in white noise, and 
 of propellers (where the plain matched filter would lose 1.5 dB against no filter at all). From row to row nothing is
 assumed about phase. With q the power over the row's noise floor, an echo of amplitude A (in noise RMS) gives the
 log-likelihood ratio ln I0(2 A sqrt(q)) - A^2 (Rice against Rayleigh), for the design amplitude A.
+
+Recordings of amplitudes alone (imaginary part 0 everywhere) cannot be filtered so: their noise would have one degree
+of freedom instead of two. There q is the square of the amplitude itself over the row's noise floor. Such recordings
+may hold means of several cycles, whose noise scatters less than a single cycle's: the scatter seen in the image is
+stretched to that of a single one, and faint echoes with it.
 """
 
 import numpy as np
@@ -20,6 +25,10 @@ _LOADING = 0.1
 _FLOOR = 2.5e-3
 """The noise floor is at least this share of a row's highest power (-26 dB): the pulse's shape is not known better."""
 _POWER_CAP = 1.0 / _FLOOR
+_LN2 = float(np.log(2.0))
+_LOW_SHARE = 0.1587
+_RAYLEIGH_SCATTER = 1.0 - float(np.sqrt(-np.log(1.0 - _LOW_SHARE) / _LN2))
+"""(median - 16 % point) / median of a Rayleigh envelope: 0.50. Below the median echoes hardly count."""
 
 
 @njit(cache=True)
@@ -99,6 +108,62 @@ def filtered_power(iq, usable, taps, blank):  # type: ignore[no-untyped-def]
         for c in range(n):
             out[k, c] *= scale
     return out
+
+
+@njit(cache=True)
+def has_phase(iq, usable):  # type: ignore[no-untyped-def]
+    """Whether any usable row has an imaginary part."""
+    for k in range(iq.shape[0]):
+        if usable[k]:
+            for c in range(iq.shape[1]):
+                if iq[k, c].imag != 0.0:
+                    return True
+    return False
+
+
+@njit(cache=True)
+def amplitude_power(iq, usable, blank):  # type: ignore[no-untyped-def]
+    """(M, N) |iq|^2 over each row's noise floor (mean 1 in noise), 0 in unusable rows and before `blank`."""
+    m, n = iq.shape
+    out = np.zeros((m, n), dtype=np.float32)
+    scatter = np.empty(m)
+    rows = 0
+    for k in range(m):
+        if not usable[k]:
+            continue
+        for c in range(blank, n):
+            out[k, c] = np.hypot(iq[k, c].real, iq[k, c].imag)
+        ordered = np.sort(out[k, blank:n:2])
+        middle = ordered[ordered.size // 2]
+        if middle > 0.0:
+            scatter[rows] = 1.0 - ordered[int(_LOW_SHARE * ordered.size)] / middle
+            rows += 1
+            out[k] /= middle
+        else:
+            out[k] = 0.0
+    if rows == 0:
+        return out
+    stretch = np.float32(max(_RAYLEIGH_SCATTER / max(np.median(scatter[:rows]), 0.05), 1.0))
+    for k in range(m):
+        if not usable[k]:
+            continue
+        highest = np.float32(0.0)
+        for c in range(blank, n):
+            a = max(np.float32(1.0) + (out[k, c] - np.float32(1.0)) * stretch, np.float32(0.0))
+            out[k, c] = a * a * np.float32(_LN2)
+            highest = max(highest, out[k, c])
+        scale = np.float32(1.0) / max(np.float32(_FLOOR) * highest, np.float32(1.0))
+        for c in range(blank, n):
+            out[k, c] *= scale
+    return out
+
+
+@njit(cache=True)
+def power_over_noise(iq, usable, with_phase, pulse_sigma, blank):  # type: ignore[no-untyped-def]
+    """(M, N) power over the noise, filtered where the phase is known."""
+    if with_phase:
+        return filtered_power(iq, usable, whitened_taps(iq, usable, pulse_sigma, blank), blank)
+    return amplitude_power(iq, usable, blank)
 
 
 @njit(cache=True)

@@ -44,8 +44,7 @@ class TrackBeforeDetect:
         usable = likelihood.usable_rows(iq, image.rows)
         if not usable.any():
             return out
-        taps = likelihood.whitened_taps(iq, usable, self._sigma, self._blank)
-        power = likelihood.filtered_power(iq, usable, taps, self._blank)
+        power = likelihood.power_over_noise(iq, usable, likelihood.has_phase(iq, usable), self._sigma, self._blank)
         evidence = likelihood.log_likelihood(power, usable, self._table, self._blank)
         for column, score in tracks.find(evidence, power, self._sigma, self._obstacles, 0.5 * _HALF_SCORE):
             put_peak(out, column, score / (score + _HALF_SCORE))

@@ -1,1 +1,0 @@
-"""The sonar rig on the bench: recordings made elsewhere become ordinary rig recordings."""
