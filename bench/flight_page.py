@@ -133,7 +133,8 @@ def _provenance(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [
         ("origin", found["origin"]),
         ("autopilot", f"{autopilot['kind']} {autopilot.get('version') or ''}".strip()),
-        ("stack", found["stack"]), ("denoiser", found["denoiser"]), ("weights", found["weights_sha256"] or "none"),
+        ("stack", found["stack"]), ("denoiser", found["denoiser"]),
+        ("weights", " · ".join(filter(None, (found["weights_sha256"], found.get("runtime")))) or "none"),
         ("shield", found["shield"]), ("sonar", found["sonar"]),
         ("faults", ", ".join(f"{k}={v}" for k, v in (found["faults"] or {}).items()) or "none"),
         ("determinism hash", summary["metrics"]["determinism_hash"] or "none"),

@@ -43,7 +43,7 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Turn a log of echoes made elsewhere into a recording of the rig."""
-    from bench.rig.import_log import import_log
+    from saranga.import_log import import_log
 
     done = import_log(file, out, name, _parsed(option or []))
     print(json.dumps(done, allow_nan=False) if as_json else _text(done))

@@ -15,9 +15,8 @@ def add_commands(app: typer.Typer) -> None:
     """Hang the commands on the main application."""
     app.command(epilog="Examples: saranga-bench runs; saranga-bench runs --json --limit 5")(runs)
     app.command(epilog="Examples: saranga-bench view last; saranga-bench view 3fa9 --seed 4")(view)
-    app.command(epilog="Examples: saranga-bench report last; saranga-bench report runs/20260101T120000Z-fly-3fa9c1")(
-        report
-    )
+    app.command(epilog="Examples: saranga-bench report last; saranga-bench report runs/20260101T120000Z-fly-3fa9c1; "
+                       "saranga-bench report compared/")(report)
 
 
 def runs(
@@ -73,7 +72,13 @@ def report(
     run: RunName,
     out: Root = None,
 ) -> None:
-    """Write a run's page anew from its journal and print where it is; also `summary.json` and `junit.xml`."""
+    """Write the page of a run anew from its journal (also `summary.json` and `junit.xml`), or of a folder of `python -m
+    saranga evaluate --out`, and print where it is."""
+    from bench.evaluation_page import is_evaluation, write_evaluation_page
+
+    if is_evaluation(Path(run).expanduser()):
+        print(write_evaluation_page(Path(run).expanduser()))
+        return
     from bench.flight_page import write_page
     from bench.fly import rebuild
     from bench.store import Store, runs_root

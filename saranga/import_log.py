@@ -1,15 +1,15 @@
 """A log made elsewhere becomes a rig recording, and what is known about it becomes JSON."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import bench.rig.importers
-from bench.provenance import sha256_of
-from bench.rig.importers.log import SOUND_SPEED_M_S, ImportedLog, Reader, SensorLog, read_lines, shortened
+import saranga.importers
 from saranga.errors import BenchError, UsageError
+from saranga.importers.log import SOUND_SPEED_M_S, ImportedLog, Reader, SensorLog, read_lines, shortened
 from saranga.plugins import call_with_options, nearest_hint, plugins
 from saranga.recording import FrameWriter
 from saranga.resample import COLUMN_M, RANGE_COLUMNS, iq_rate_hz
@@ -21,7 +21,7 @@ GRID_M = RANGE_COLUMNS * COLUMN_M
 
 def format_names() -> list[str]:
     """Formats that can be imported."""
-    return list(plugins(bench.rig.importers))
+    return list(plugins(saranga.importers))
 
 
 def find_reader(path: Path, name: str | None, options: dict[str, Any]) -> tuple[str, Reader]:
@@ -30,7 +30,7 @@ def find_reader(path: Path, name: str | None, options: dict[str, Any]) -> tuple[
     Raises:
         UsageError: an unknown name or option, or a file that nobody knows.
     """
-    known = plugins(bench.rig.importers)
+    known = plugins(saranga.importers)
     if name is None:
         first = read_lines(path)[0]
         name = next((n for n, module in known.items() if module.recognises(first)), None)
@@ -59,7 +59,7 @@ def import_log(path: Path, out: Path, name: str | None = None, options: dict[str
     metadata = {
         "origin": "recorded",
         "source": path.name,
-        "source_sha256": sha256_of(path),
+        "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "importer": name,
         "content": log.content,
         "repeated_frames": json.dumps([list(pair) for pair in log.repeated]),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.rig.importers.log import (
+from saranga.importers.log import (
     FULL_SCALE_COUNTS,
     ON_CHIP_FACTOR,
     SOUND_SPEED_M_S,

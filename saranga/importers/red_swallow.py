@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.rig.importers.log import (
+from saranga.errors import UsageError
+from saranga.importers.log import (
     SOUND_SPEED_M_S,
     ImportedLog,
     LoggedFrame,
@@ -33,8 +34,7 @@ from bench.rig.importers.log import (
     repeated_rows,
     shortened,
 )
-from bench.rig.importers.red_swallow_config import SensorConfig, read_config
-from saranga.errors import UsageError
+from saranga.importers.red_swallow_config import SensorConfig, read_config
 from saranga.messages import MAX_SAMPLES, SensorInfo
 from saranga.sonar_geometry import ROLES
 

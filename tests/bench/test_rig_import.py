@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bench.cli import main
-from bench.rig.import_log import format_names
 from saranga.echo import COLUMN_M, EchoCycle, EchoImage
+from saranga.import_log import format_names
 from saranga.recording import read_recording
 from saranga.sources import FileSource, open_source
 
