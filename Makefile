@@ -5,6 +5,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
+EXTRAS := .venv/.installed-extras
 # One BLAS thread: the matrices are small, and simulators run side by side.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
@@ -26,26 +27,32 @@ $(STAMP): pyproject.toml constraints.txt tools/make_venv.sh
 	@PYTHON="$(PYTHON)" sh tools/make_venv.sh
 	@touch $(STAMP)
 
+# PyTorch and the optional runtimes: training, export and their tests.
+$(EXTRAS): $(STAMP)
+	@echo "installing PyTorch and the optional runtimes into .venv (another 1.5 GB)"
+	@$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev,train,openvino,litert]'
+	@touch $(EXTRAS)
+
 demo: $(STAMP)
 	@$(BIN)/saranga-bench fly poles --autopilot embedded --seed 1 --out runs
 
-lint: $(STAMP)
+lint: $(EXTRAS)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 # Lint on one core while the kernels compile on the other.
-test: $(STAMP)
+test: $(EXTRAS)
 	@$(MAKE) --no-print-directory -j2 -O lint kernels
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" --ignore=tests/benchmarks --cov --cov-report=term:skip-covered
 
 kernels: $(STAMP)
 	@$(BIN)/python tools/warm_kernels.py
 
-test-slow: $(STAMP)
+test-slow: $(EXTRAS)
 	$(BIN)/python -m pytest -m slow
 
-bench: $(STAMP)
+bench: $(EXTRAS)
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only --benchmark-columns=min,median,max,rounds -p no:xdist --no-cov
 
 clean:

@@ -5,9 +5,16 @@ import signal
 import sys
 from pathlib import Path
 
-from saranga import synthesis_command
+from saranga import evaluate_command, export_command, publish_command, synthesis_command, train_command
 from saranga.errors import BenchError, UsageError
 
+COMMANDS = (
+    ("synthesise", "draw training pairs", synthesis_command),
+    ("train", "train a network", train_command),
+    ("evaluate", "compare denoisers", evaluate_command),
+    ("export", "write a network for a runtime", export_command),
+    ("publish", "export, calibrate and measure a network as it ships", publish_command),
+)
 RUN_HELP = """\
 Run the stack: echoes in, velocity setpoints out at 16 Hz.
 
@@ -34,13 +41,17 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--stack", default="saranga", help="policy: saranga, none or MODULE:NAME (default: %(default)s)")
     run.add_argument("--sonar", default="pair", help="name in fixtures/sonars or a TOML path (default: %(default)s)")
     run.add_argument("--speed", type=float, default=1.0, metavar="M/S", help="desired speed (default: %(default)s)")
-    run.add_argument("--temperature", type=float, default=20.0, metavar="C", help="air, for the speed of sound")
+    run.add_argument("--temperature", type=float, metavar="C",
+                     help="air, for the speed of sound (default: by the rig's STATUS, the sonar file until then)")
+    run.add_argument("--disparity", choices=("auto", "phase", "envelope", "edges"), default="auto",
+                     help="what azimuth comes from (default: phase for calibrated sensors, else envelope)")
     run.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a tick")
     run.set_defaults(handler=_run)
-    synthesise = commands.add_parser("synthesise", help="draw training pairs", description=synthesis_command.HELP,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    synthesis_command.add_arguments(synthesise)
-    synthesise.set_defaults(handler=synthesis_command.run)
+    for name, about, module in COMMANDS:
+        command = commands.add_parser(name, help=about, description=module.HELP,
+                                      formatter_class=argparse.RawDescriptionHelpFormatter)
+        module.add_arguments(command)
+        command.set_defaults(handler=module.run)
     return parser
 
 
@@ -55,15 +66,18 @@ def _run(arguments: argparse.Namespace) -> int:
 
     if not 0.0 < arguments.speed <= 3.0:
         raise UsageError(f"--speed {arguments.speed:g} m/s: must be over 0 and at most 3 m/s")
+    geometry = load_sonar(arguments.sonar)
+    fixed = arguments.temperature is not None
     stack = Stack(load_denoiser(arguments.denoiser), load_policy(arguments.stack, desired_speed_m_s=arguments.speed),
-                  load_sonar(arguments.sonar), arguments.temperature)
+                  geometry, arguments.temperature if fixed else geometry.temperature_c, arguments.disparity)
     stack.warm_up()
     source = open_source(arguments.echoes)
     vehicle = open_transport(arguments.vehicle)
     try:
         source.open()
         companion = Companion(stack, source, vehicle, arguments.log,
-                              say=lambda line: print(line, file=sys.stderr, flush=True))
+                              say=lambda line: print(line, file=sys.stderr, flush=True),
+                              follow_temperature=not fixed)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda received, _: companion.stop(signal.Signals(received).name))
         reason = companion.run()

@@ -60,8 +60,13 @@ def fixture_path(kind: str, name: str, suffix: str = ".toml") -> Path:
     known = fixture_names(kind, suffix)
     near = difflib.get_close_matches(name, known, n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
-    raise UsageError(f"unknown {kind.removesuffix('s')} {name!r}{hint}: known are {', '.join(known) or 'none'}; "
+    raise UsageError(f"unknown {_one_of(kind)} {name!r}{hint}: known are {', '.join(known) or 'none'}; "
                      f"or give a path to a {suffix} file")
+
+
+def _one_of(kind: str) -> str:
+    """"scenes" -> "scene"; "synthesis" and "training" are recipes."""
+    return f"{kind} recipe" if kind in ("synthesis", "training") else kind.removesuffix("s")
 
 
 def load_toml(path: Path) -> dict[str, Any]:

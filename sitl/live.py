@@ -47,6 +47,7 @@ class Shadow:
 
     world: World
     source: InProcessSource = field(default_factory=InProcessSource)
+    runtime: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     setpoints: int = 0
     heard_companion: bool = False

@@ -6,6 +6,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from saranga.denoise import load_denoiser
+from saranga.denoise.model_file import weights_sha256
 from saranga.errors import DeviceError
 from saranga.navigate import Policy, VelocityCommand, load_policy
 from saranga.sources import InProcessSource
@@ -59,8 +60,9 @@ class _Companion:
         self._nan: _NanPolicy | None = None
         if faults.nan_policy_at_s is not None:
             policy = self._nan = _NanPolicy(policy, faults.nan_policy_at_s)
-        self.stack = Stack(load_denoiser(request.denoiser), policy, world.geometry,
-                           world.scene.weather.temperature_c)
+        denoiser = load_denoiser(request.denoiser)
+        self.runtime: str | None = getattr(denoiser, "runtime", None)
+        self.stack = Stack(denoiser, policy, world.geometry, world.scene.weather.temperature_c)
         self.source = InProcessSource()
         self.source.feed(world.rig.hello())
         self.link = VehicleLink()
@@ -217,4 +219,5 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
         determinism_hash=world.determinism_hash(outcome), landed=landed,
         autopilot={"kind": kind, "version": f"{version} {status.firmware_hash}".strip()},
         denoiser=request.denoiser, stack=request.stack, shield=request.shield,
-        link_counters=companion.source.counters.__dict__.copy(), timing=timing, log=log)
+        link_counters=companion.source.counters.__dict__.copy(), timing=timing,
+        weights_sha256=weights_sha256(request.denoiser), runtime=companion.runtime, log=log)

@@ -280,6 +280,8 @@ class TrialResult:
     shield: str
     link_counters: dict[str, Any] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
+    weights_sha256: str | None = None
+    runtime: str | None = None
     log: FlightLog | None = None
     files: dict[str, str] = field(default_factory=dict)
 
