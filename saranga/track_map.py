@@ -25,7 +25,6 @@ from saranga.denoise.tracks import (
     SPEED_MIN,
     SPEED_STEP,
     _link,
-    add_shifted,
     pieces,
 )
 from saranga.denoise.tracks import STEP as CELL
@@ -72,6 +71,20 @@ class TrackMap:
 
 
 @njit(cache=True)
+def _raise_to(best, total):  # type: ignore[no-untyped-def]
+    for c in range(best.size):
+        best[c] = total[c] if total[c] > best[c] else best[c]
+
+
+@njit(cache=True)
+def _add_and_raise(best, total, piece):  # type: ignore[no-untyped-def]
+    for c in range(best.size):
+        t = total[c] + piece[c]
+        total[c] = t
+        best[c] = t if t > best[c] else best[c]
+
+
+@njit(cache=True)
 def _best_tracks(coarse, out):  # type: ignore[no-untyped-def]
     """Fill `out` with the best score of the tracks of every (rows used, speed, range) bin, compressed."""
     piece = pieces(coarse)
@@ -86,10 +99,14 @@ def _best_tracks(coarse, out):  # type: ignore[no-untyped-def]
             total[:] = -0.5 * (a / ACCEL_SIGMA) ** 2
             for b in range(DEPTHS):
                 shift, s = _link(v, a, b)
-                add_shifted(total, piece[b, s], shift)
+                first, last = min(max(0, -shift), _CELLS), max(min(_CELLS, _CELLS - shift), 0)
                 row = best[b]
-                for c in range(_CELLS):
-                    row[c] = total[c] if total[c] > row[c] else row[c]
+                if last <= first:
+                    _raise_to(row, total)
+                    continue
+                _raise_to(row[:first], total[:first])
+                _add_and_raise(row[first:last], total[first:last], piece[b, s, first + shift:last + shift])
+                _raise_to(row[last:], total[last:])
         for b in range(DEPTHS):
             for half in range(HALVES):
                 to = out[HALVES * b + half, iv // _SPEEDS_A_BIN]
