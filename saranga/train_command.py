@@ -10,7 +10,7 @@ from saranga.errors import UsageError
 HELP = """\
 Train a network on pairs that are drawn as it goes (python -m saranga synthesise shows them).
 
-  python -m saranga train --out training                          our recipe: 1 M images, 1 h 10 min on 2 cores
+  python -m saranga train --out training                          our recipe: 700 000 images, 40 min on 2 cores
   python -m saranga train --out quick --minutes 20                the same, cut short
   python -m saranga train --recipe paper --out paper --device cuda  the paper's: 40 000 pairs, 100 epochs
   python -m saranga train --out training --resume                 go on where it ended

@@ -78,13 +78,13 @@ def test_default_takes_the_fastest_that_is_installed(model: Path, monkeypatch: p
     pytest.importorskip("onnxruntime")
     from saranga.denoise import network_fastest
 
-    assert "OpenVINO" in load_denoiser("saranga", weights=str(model)).runtime
-    missing = {"openvino"}
+    assert "ONNX Runtime" in load_denoiser("saranga", weights=str(model)).runtime
+    missing = {"onnxruntime"}
     monkeypatch.setattr(network_fastest, "find_spec", lambda package: None if package in missing else object())
     denoiser = load_denoiser("saranga", weights=str(model))
-    assert "ONNX Runtime" in denoiser.runtime and denoiser.name == "saranga"
-    missing.add("onnxruntime")
-    with pytest.raises(UsageError, match=r"none of openvino, onnxruntime is installed"):
+    assert "OpenVINO" in denoiser.runtime and denoiser.name == "saranga"
+    missing.add("openvino")
+    with pytest.raises(UsageError, match=r"none of onnxruntime, openvino is installed"):
         load_denoiser("saranga", weights=str(model))
 
 
