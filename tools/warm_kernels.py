@@ -7,5 +7,5 @@ about a minute after a change of the sources, and a few seconds when there is no
 from sitl.trial import run_trial
 from sitl.trial_types import TrialRequest
 
-for denoiser in ("tbd", "gaussian"):
+for denoiser in ("tbd", "gaussian", "saranga"):
     run_trial(TrialRequest("poles", denoiser=denoiser))

@@ -26,7 +26,7 @@ def fastest(tables: list[str]) -> Iterator[dict[str, TrialResult]]:
 
 
 @pytest.mark.benchmark(group="flight")
-@pytest.mark.parametrize("denoiser", ["gaussian", "tbd"])
+@pytest.mark.parametrize("denoiser", ["gaussian", "tbd", "saranga"])
 @pytest.mark.parametrize("autopilot", KINDS)
 def test_realtime_factor(benchmark: Any, fastest: dict[str, TrialResult], autopilot: str, denoiser: str) -> None:
     request = TrialRequest("poles", seed=1, autopilot=autopilot, denoiser=denoiser)
