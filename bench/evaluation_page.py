@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bench import evaluation_figures as figures
-from saranga.errors import BenchError, UsageError
+from bench.page import write_page_file
+from saranga.errors import UsageError
 
 RESULTS, EXAMPLES, PAGE = "evaluation.json", "examples.npz", "evaluation.html"
 LEADER = "saranga"
@@ -27,9 +27,6 @@ def write_evaluation_page(folder: Path) -> Path:
         UsageError: the results are missing, damaged or of a recording. BenchError: the page cannot be written.
     """
     tree = _results(folder / RESULTS)
-    environment = Environment(loader=PackageLoader("bench", "templates"), autoescape=True, undefined=StrictUndefined,
-                              trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(percent=_percent, number=_number, span=_span)
     kinds = list(dict.fromkeys(kind for m in tree["methods"].values() for kind in m["sets"]))
     names = figures.ordered(list(tree["methods"]))
     middle = _middle_psnr(tree, "single" if "single" in kinds else kinds[0]) if kinds else None
@@ -38,19 +35,14 @@ def write_evaluation_page(folder: Path) -> Path:
               ("At the method's own threshold", "What flies.", figures.rate_curves(tree, "hit_rate")),
               ("Strongest edge", "Whatever its strength: the best guess, without saying how sure.",
                figures.rate_curves(tree, "hit_rate_strongest"))] if kinds else []
-    page = environment.get_template("evaluation_page.html.j2").render(
-        tree=tree, names=names, every={**{n: tree["methods"][n] for n in names}, **tree["baseline"]}, curves=curves,
+    return write_page_file(
+        folder / PAGE, "evaluation_page.html.j2", {"percent": _percent, "number": _number, "span": _span},
+        tree=tree, names=names,
+        every={**{n: tree["methods"][n] for n in names}, **tree["baseline"]}, curves=curves,
         paper=[(figures.KIND_TITLES.get(k, k), figures.paper_curves(tree, k)) for k in kinds if k != "constant"],
         cost=figures.cost(tree, "single", middle) if middle is not None and "single" in kinds else "",
         cost_psnr=middle, kinds=kinds, kind_titles=figures.KIND_TITLES, examples=_examples(folder / EXAMPLES),
         lead=_lead(tree), colours=figures.colours(list(tree["methods"])))
-    path = folder / PAGE
-    part = path.with_name(PAGE + ".part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        return part.replace(path)
-    except OSError as error:
-        raise BenchError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _results(path: Path) -> dict[str, Any]:

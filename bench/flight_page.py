@@ -8,12 +8,11 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from bench.drawing import OUTCOME_WORDS, Flight, outcome_colour
 from bench.flight_summary import summarise
 from bench.flight_svg import echo_strip, legend, side_view, top_view
 from bench.journal import FILE_NAME, read_journal
+from bench.page import write_page_file
 from bench.verdict_text import metres, seconds
 from saranga.errors import BenchError, UsageError
 from sitl.trial_types import FlightLog, TrialResult
@@ -49,22 +48,13 @@ def write_page(run_dir: Path) -> Path:
     flights = [_flight(run_dir, outcome) for outcome in _drawn(summary["outcomes"])]
     for number, flight in enumerate(flights):
         flight["open"] = number < OPEN_DRAWINGS
-    environment = Environment(loader=PackageLoader("bench", "templates"), autoescape=True, undefined=StrictUndefined,
-                              trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(metres=metres, seconds=seconds)
-    page = environment.get_template("flight_page.html.j2").render(
+    return write_page_file(
+        run_dir / PAGE_FILE, "flight_page.html.j2", {"metres": metres, "seconds": seconds},
         summary=summary, title=_title(summary), tests=journal.of("test"),
         lead=_lead(summary, journal.of("test")), verdict_words=_PASS_WORDS[summary["verdict"]],
         figures=_figures(summary), words=OUTCOME_WORDS, outcome_colour=outcome_colour, flights=flights,
         left_out=len(summary["outcomes"]) - len(flights), provenance=_provenance(summary),
         started=journal.header.get("utc", ""), name=run_dir.resolve().name)
-    path = run_dir / PAGE_FILE
-    part = path.with_name(PAGE_FILE + ".part")
-    try:
-        part.write_text(page, encoding="utf-8")
-        return part.replace(path)
-    except OSError as error:
-        raise BenchError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _drawn(outcomes: list[dict[str, Any]]) -> list[dict[str, Any]]:

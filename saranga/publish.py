@@ -22,6 +22,7 @@ from saranga.evaluation.answering import answers
 from saranga.evaluation.calibration import equal_rate_threshold
 from saranga.evaluation.detections import strongest_range, truth_of
 from saranga.evaluation.measures import score_rows
+from saranga.evaluation.report import processor
 from saranga.evaluation.sets import pair_set
 
 CALIBRATION_SEED = 4_001
@@ -86,13 +87,7 @@ def publish(checkpoint: Path, folder: Path, images: int, say: Callable[[str], No
 
 def hardware() -> str:
     """Processor, count and architecture of this machine."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
-                 platform.processor())
-    return f"{os.cpu_count()} CPUs, {model} ({platform.machine()})"
+    return f"{os.cpu_count()} CPUs, {processor() or platform.processor()} ({platform.machine()})"
 
 
 def _write(folder: Path, name: str, metadata: dict[str, Any], files: dict[str, Path], data: dict[str, bytes]) -> Path:

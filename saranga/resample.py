@@ -7,6 +7,7 @@ itself.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -63,6 +64,11 @@ def resampling_plan(fop_hz: float, odr: int, c_m_s: float, samples: int) -> Resa
     if not 250.0 <= c_m_s <= 420.0:
         raise UsageError(f"speed of sound {c_m_s} m/s is outside 250..420 m/s: check the temperature")
     position = 2.0 * COLUMN_M * np.arange(RANGE_COLUMNS) / c_m_s * iq_rate_hz(fop_hz, odr)
+    return plan_at(position, samples)
+
+
+def plan_at(position: NDArray[np.floating[Any]], samples: int) -> ResamplingPlan:
+    """Weights for columns at these places of the record, in samples, rising from 0."""
     first = np.floor(position).astype(np.int64) - (TAPS // 2 - 1)
     offset = position[:, None] - (first[:, None] + np.arange(TAPS)[None, :])
     inside = np.clip(1.0 - (offset / (TAPS / 2)) ** 2, 0.0, None)

@@ -35,7 +35,6 @@ SHAPE = (DEPTHS * HALVES, SPEED_BINS, RANGE_BINS)
 (13 mm)."""
 _SPEEDS_A_BIN = _SPEEDS // SPEED_BINS
 _CELLS = HALVES * RANGE_BINS
-_DESIGN_AMPLITUDE = 1.2
 _LOWEST = np.float32(-1e9)
 
 
@@ -50,7 +49,7 @@ class TrackMap:
     def __init__(self, bandwidth_hz: float = BANDWIDTH_HZ, ring_down_m: float = RING_DOWN_M) -> None:
         self._sigma = pulse(bandwidth_hz).sigma_columns
         self._blank = blank_columns(ring_down_m)
-        self._table = likelihood.log_likelihood_table(_DESIGN_AMPLITUDE)
+        self._table = likelihood.log_likelihood_table(likelihood.DESIGN_AMPLITUDE)
 
     def fill(self, iq: NDArray[np.complex64], rows: int, out: NDArray[np.float32]) -> bool:
         """Write the input for one image.

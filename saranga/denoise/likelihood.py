@@ -20,6 +20,8 @@ TAPS = 13
 """Filter taps, every second column: 25 columns, +-3.4 s of the pulse."""
 REACH = (TAPS // 2) * TAP_STEP
 """Columns at each end of what was measured where the filter lacks half its input: no evidence there."""
+DESIGN_AMPLITUDE = 1.2
+"""Echo amplitude in noise RMS that the evidence is weighed for: faint, with a long history."""
 _LOADING = 0.1
 """White noise added to the estimate, share of its power: keeps the inverse tame (the pulse is only known so well)."""
 _FLOOR = 2.5e-3

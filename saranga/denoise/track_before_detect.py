@@ -17,8 +17,6 @@ from saranga.echo import EchoImage
 
 NAME = "tbd"
 
-_DESIGN_AMPLITUDE = 1.2
-"""Echo amplitude in noise RMS that the evidence is weighed for: faint, with a long history."""
 _HALF_SCORE = 13.0
 """Log-likelihood at which the edge strength is 0.5; calibrated for 0.02 false edges a frame in noise."""
 
@@ -35,7 +33,7 @@ class TrackBeforeDetect:
         self._sigma = shape.sigma_columns
         self._blank = blank_columns(ring_down_m)
         self._obstacles = obstacles
-        self._table = likelihood.log_likelihood_table(_DESIGN_AMPLITUDE)
+        self._table = likelihood.log_likelihood_table(likelihood.DESIGN_AMPLITUDE)
 
     def __call__(self, image: EchoImage) -> NDArray[np.float32]:
         """Edge strengths (N,) of the newest row."""

@@ -15,11 +15,10 @@ from saranga.evaluation.answering import ArrayImage, timed_row
 from saranga.evaluation.recorded import RecordedFrames
 from saranga.resample import (
     COLUMN_M,
-    KAISER_BETA,
     RANGE_COLUMNS,
-    TAPS,
     ResamplingPlan,
     iq_rate_hz,
+    plan_at,
     resample_into,
 )
 
@@ -38,18 +37,7 @@ def long_plan(range_per_sample_m: float, samples: int, columns: int) -> Resampli
         samples: IQ pairs a record.
         columns: of COLUMN_M.
     """
-    position = COLUMN_M / range_per_sample_m * np.arange(columns)
-    first = np.floor(position).astype(np.int64) - (TAPS // 2 - 1)
-    tap = first[:, None] + np.arange(TAPS)[None, :]
-    offset = position[:, None] - tap
-    window = np.i0(KAISER_BETA * np.sqrt(np.clip(1.0 - (offset / (TAPS / 2)) ** 2, 0.0, None))) / np.i0(KAISER_BETA)
-    weights = np.sinc(offset) * window
-    weights[(tap < 1) | (tap >= samples)] = 0.0
-    unmeasured = (position < 1.0) | (position > samples - 1)
-    weights[unmeasured] = 0.0
-    np.divide(weights, weights.sum(axis=1, keepdims=True), out=weights, where=~unmeasured[:, None])
-    start = np.where(unmeasured, 0, first + TAPS).astype(np.int32)
-    return ResamplingPlan(samples, start, np.ascontiguousarray(weights, dtype=np.float32))
+    return plan_at(COLUMN_M / range_per_sample_m * np.arange(columns), samples)
 
 
 def range_per_sample(frame: EchoFrame, c_m_s: float) -> float:

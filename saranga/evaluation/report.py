@@ -62,7 +62,7 @@ def comparison_json(comparison: Comparison, complete: bool, skipped: Mapping[str
 
 def machine(denoisers: Mapping[str, Any]) -> dict[str, Any]:
     """Where figures were taken, and with which weights."""
-    return {"machine": platform.machine(), "processor": _processor(), "cpus": os.cpu_count(),
+    return {"machine": platform.machine(), "processor": processor(), "cpus": os.cpu_count(),
             "python": platform.python_version(), "packages": _versions(),
             "weights_sha256": {name: d.weights_sha256 for name, d in denoisers.items()
                                if getattr(d, "weights_sha256", None)}}
@@ -150,7 +150,8 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Model name of the processor, as far as the system tells."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
