@@ -30,7 +30,7 @@ $(STAMP): pyproject.toml constraints.txt tools/make_venv.sh
 # PyTorch and the optional runtimes: training, export and their tests.
 $(EXTRAS): $(STAMP)
 	@echo "installing PyTorch and the optional runtimes into .venv (another 1.5 GB)"
-	@$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev,train,openvino,litert]'
+	@$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev,train,openvino,litert,cluster]'
 	@touch $(EXTRAS)
 
 demo: $(STAMP)

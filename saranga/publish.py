@@ -78,7 +78,8 @@ def publish(checkpoint: Path, folder: Path, images: int, say: Callable[[str], No
         metadata["metrics"] = {p: _metrics(str(draft), p, images, say) for p in ("fp32", "int8")}
     metadata["training"] = {
         "recipe": recipe, "recipe_sha256": content["recipe_sha256"], "seed": recipe["data"]["seed"],
-        "images_seen": content["state"]["images"], "seconds": round(content["state"]["elapsed_s"]),
+        "images_seen": content["state"]["images"], "started_from": content["state"].get("started_from"),
+        "seconds": round(content["state"]["elapsed_s"]),
         "last_loss": content["state"]["loss"], "made_by": content["made_by"], "hardware": hardware(),
     }
     folder.mkdir(parents=True, exist_ok=True)

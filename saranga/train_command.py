@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="fixtures/training or a TOML path (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="checkpoint and log")
     parser.add_argument("--resume", action="store_true", help="go on with the checkpoint in --out")
+    parser.add_argument("--start", type=Path, metavar="CHECKPOINT", help="begin with the weights of another run")
     parser.add_argument("--minutes", type=float, metavar="M", help="end after so long, schedule and all")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="of PyTorch (default: %(default)s)")
     parser.add_argument("--feed-threads", type=int, default=1, metavar="N",
@@ -46,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     for name, low, high in (("threads", 1, 256), ("feed_threads", 1, 256), ("check_every", 1, 10**9)):
         if not low <= getattr(arguments, name) <= high:
             raise UsageError(f"--{name.replace('_', '-')} is {getattr(arguments, name)}: it must be in {low}..{high}")
+    if arguments.resume and arguments.start is not None:
+        raise UsageError("--resume goes on with the checkpoint in --out, --start begins a new run: give one of them")
     if arguments.minutes is not None and not 0.0 < arguments.minutes <= 1e5:
         raise UsageError(f"--minutes is {arguments.minutes:g}: it must be over 0 and at most 100000")
     from saranga.training.recipe import load_training_recipe
@@ -56,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     except ImportError as error:
         raise UsageError(f"training needs PyTorch ({error}): pip install 'saranga-bench[train]'") from error
     options = TrainingOptions(arguments.out, arguments.resume, arguments.minutes, arguments.threads,
-                              arguments.feed_threads, arguments.device, arguments.precision, arguments.check_every)
+                              arguments.feed_threads, arguments.device, arguments.precision, arguments.check_every,
+                              arguments.start)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a checkpoint
     try:
         path = train(recipe, options, say=lambda line: print(line, file=sys.stderr, flush=True))

@@ -40,6 +40,7 @@ class TrainingOptions:
         device: "cpu", "cuda", ...
         precision: "auto", "bf16" or "fp32".
         check_every: images between two looks at how well it does.
+        start: checkpoint whose weights the run begins with; None: random ones.
     """
 
     out: Path
@@ -50,6 +51,7 @@ class TrainingOptions:
     device: str = "cpu"
     precision: str = "auto"
     check_every: int = 50_000
+    start: Path | None = None
 
 
 @dataclass
@@ -59,6 +61,8 @@ class State:
     images: int = 0
     elapsed_s: float = 0.0
     loss: float = math.nan
+    started_from: dict[str, Any] | None = None
+    """Recipe hash and images of the checkpoint that the weights come from, and what that one started from."""
 
 
 def train(recipe: TrainingRecipe, options: TrainingOptions, say: Say = print) -> Path:
@@ -67,7 +71,8 @@ def train(recipe: TrainingRecipe, options: TrainingOptions, say: Say = print) ->
     Ctrl-C (KeyboardInterrupt) saves a checkpoint and is raised again.
 
     Raises:
-        UsageError: a checkpoint of another recipe, or none to resume, or one that would be overwritten.
+        UsageError: a checkpoint of another recipe, none to resume, one of another architecture to start from, or one
+            that would be overwritten.
         DeviceError: the loss is no longer finite, or the disk is full.
     """
     torch.set_num_threads(options.threads)
@@ -81,6 +86,8 @@ def train(recipe: TrainingRecipe, options: TrainingOptions, say: Say = print) ->
         state = _restore(path, recipe, network, optimiser)
     elif path.exists():
         raise UsageError(f"{path} exists: add --resume to go on with it, or choose another --out")
+    elif options.start is not None:
+        state.started_from = _weights_of(options.start, recipe, network)
     options.out.mkdir(parents=True, exist_ok=True)
     network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     half = _half_precision(options.precision, device)
@@ -180,7 +187,7 @@ class _Run:
 
     def _log(self, more: dict[str, Any]) -> None:
         with (self.options.out / LOG).open("a", encoding="utf-8") as file:
-            print(json.dumps({**{k: v if math.isfinite(v) else None for k, v in asdict(self.state).items()}, **more}),
+            print(json.dumps({**_finite(asdict(self.state)), **more}),
                   file=file)
 
     def save(self) -> None:
@@ -200,6 +207,10 @@ class _Run:
             part.replace(path)
         except (OSError, RuntimeError) as error:
             raise DeviceError(f"{path} cannot be written: {error}; free some space and use --resume") from error
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
 
 
 def rate_at(recipe: TrainingRecipe, step: int, progress: float) -> float:
@@ -239,6 +250,17 @@ def _restore(path: Path, recipe: TrainingRecipe, network: nn.Module, optimiser: 
     network.load_state_dict(content["weights"])
     optimiser.load_state_dict(content["optimiser"])
     return State(**content["state"])
+
+
+def _weights_of(path: Path, recipe: TrainingRecipe, network: nn.Module) -> dict[str, Any]:
+    content = read_checkpoint(path)
+    if content["architecture"] != recipe.network.architecture:
+        raise UsageError(f"checkpoint {path} is of architecture {content['architecture']!r}, the recipe wants "
+                         f"{recipe.network.architecture!r}: start from one of its kind")
+    network.load_state_dict(content["weights"])
+    state = content["state"]
+    return {"recipe_sha256": content["recipe_sha256"], "images_seen": state["images"],
+            "started_from": state.get("started_from")}
 
 
 def _device(name: str) -> torch.device:
