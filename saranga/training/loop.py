@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saranga.errors import BenchError, DeviceError, UsageError
-from saranga.network import build_network, parameter_count, read_checkpoint
+from saranga.network import build_network, load_checkpoint, parameter_count, read_checkpoint
 from saranga.training.check import check_sets, strongest_edge_rate
 from saranga.training.feed import Feed
 from saranga.training.recipe import TrainingRecipe
@@ -257,7 +257,7 @@ def _weights_of(path: Path, recipe: TrainingRecipe, network: nn.Module) -> dict[
     if content["architecture"] != recipe.network.architecture:
         raise UsageError(f"checkpoint {path} is of architecture {content['architecture']!r}, the recipe wants "
                          f"{recipe.network.architecture!r}: start from one of its kind")
-    network.load_state_dict(content["weights"])
+    network.load_state_dict(load_checkpoint(path).state_dict())
     state = content["state"]
     return {"recipe_sha256": content["recipe_sha256"], "images_seen": state["images"],
             "started_from": state.get("started_from")}

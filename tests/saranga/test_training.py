@@ -82,6 +82,26 @@ def test_an_interrupted_run_ends_where_an_uninterrupted_one_does(name: str, tmp_
         assert torch.equal(value, cut["weights"][key]), key
 
 
+def test_a_run_can_start_from_the_weights_of_another(tmp_path: Path) -> None:
+    first = train(small(pairs=24), options(tmp_path / "first"), quiet)
+    recipe = small(pairs=8, seed=5)
+    recipe = recipe.model_copy(update={"optimiser": recipe.optimiser.model_copy(update={"rate": 1e-9})})
+    second = read_checkpoint(train(recipe, options(tmp_path / "second", start=first), quiet))
+    before = read_checkpoint(first)
+    assert second["state"]["images"] == 8
+    assert second["state"]["started_from"] == {"recipe_sha256": before["recipe_sha256"], "images_seen": 24,
+                                               "started_from": None}
+    key = "down1.0.weight"
+    assert torch.allclose(second["weights"][key], before["weights"][key], atol=1e-6)
+    fresh = read_checkpoint(train(recipe, options(tmp_path / "fresh"), quiet))
+    assert not torch.allclose(fresh["weights"][key], before["weights"][key], atol=1e-3)
+    assert fresh["state"]["started_from"] is None
+    with pytest.raises(UsageError, match=r"is of architecture 'tracks', the recipe wants 'paper'"):
+        train(small("paper"), options(tmp_path / "paper", start=first), quiet)
+    with pytest.raises(UsageError, match="does not exist"):
+        train(small(), options(tmp_path / "none", start=tmp_path / "nothing.pt"), quiet)
+
+
 def test_it_learns(tmp_path: Path) -> None:
     """The loss of a few images falls far under what saying the mean everywhere costs."""
     recipe = small(pairs=4, epochs=60)
@@ -133,7 +153,8 @@ def test_checkpoints_of_other_recipes_and_broken_ones_are_refused(tmp_path: Path
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(["--recipe", "nothing"], "unknown training recipe 'nothing'"), (["--threads", "0"], "--threads is 0"),
+    [(["--resume", "--start", "x.pt"], "give one of them"), (["--threads", "0"], "--threads is 0"),
+     (["--recipe", "nothing"], "unknown training recipe 'nothing'"),
      (["--minutes", "-1"], "--minutes is -1"), (["--device", "abacus"], "--device 'abacus' cannot be used")],
 )
 def test_bad_options_are_one_clear_error(arguments: list[str], words: str, tmp_path: Path,
