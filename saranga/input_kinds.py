@@ -52,6 +52,26 @@ class TrackInput:
         return self._map.fill(image.iq, image.rows, out[0])
 
 
+def inputs_of(kind: str, envelope: NDArray[np.float32], iq: NDArray[np.complex64] | None = None,
+              amplitude_only: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
+    """Inputs (K, C, H, W) of many images at once, float32.
+
+    Args:
+        kind: see `SHAPES`.
+        envelope, iq: (K, M, N); a track map needs `iq`, an envelope image does not.
+        amplitude_only: (K,) images whose phase a track map is to do without; None: none.
+    """
+    out = np.empty((len(envelope), *SHAPES[kind][1:]), dtype=np.float32)
+    if kind == "tracks":
+        assert iq is not None
+        hidden = np.zeros(len(iq), dtype=np.bool_) if amplitude_only is None else amplitude_only
+        TrackMap().fill_many(iq, hidden, out)
+        return out
+    for image, one in zip(envelope, out[:, 0], strict=True):
+        normalised(image, one)
+    return out
+
+
 def input_kind(shape: tuple[object, ...]) -> str | None:
     """Kind of a network whose input has this shape; None for any other."""
     return next((kind for kind, own in SHAPES.items() if own == tuple(shape)), None)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from saranga.echo import HISTORY_ROWS, RANGE_COLUMNS
+from saranga.echo import RANGE_COLUMNS
 from saranga.errors import UsageError
 from saranga.plugins import nearest_hint
 from saranga.track_map import SHAPE as TRACK_SHAPE
@@ -106,7 +106,6 @@ class PaperUNet(nn.Module):
 
 
 ARCHITECTURES: dict[str, type[TrackUNet] | type[PaperUNet]] = {"tracks": TrackUNet, "paper": PaperUNet}
-INPUT_SHAPES: dict[str, tuple[int, int, int]] = {"tracks": TRACK_SHAPE, "envelope": (1, HISTORY_ROWS, RANGE_COLUMNS)}
 
 
 def build_network(architecture: str) -> TrackUNet | PaperUNet:

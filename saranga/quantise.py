@@ -8,15 +8,13 @@ bit changes no hit rate.
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saranga.echo import HISTORY_ROWS, EchoImage
 from saranga.errors import UsageError
-from saranga.input_kinds import SHAPES, network_input
+from saranga.input_kinds import inputs_of
 from saranga.subpixel import without_transposed
 
 IMAGES = 256
@@ -43,17 +41,12 @@ def calibration_inputs(kind: str, count: int = IMAGES, recipe: str = "default", 
         raise UsageError(f"{count} calibration images: give at least 4")
     loud = int(count * _LOUD_SHARE)
     plain = load_recipe(recipe)
-    maker = network_input(kind)
-    out = np.empty((count, *SHAPES[kind][1:]), dtype=np.float32)
-    at = 0
+    parts = []
     for drawn, number in ((plain, count - loud), (plain.with_values({"noise.psnr_db": _LOUD_PSNR_DB}), loud)):
         batch = Synthesiser(drawn, seed, ("left",)).batch(0, number, iq=True)
-        for envelope, iq in zip(batch.images[:, 0], cast(NDArray[np.complex64], batch.iq)[:, 0], strict=True):
-            seen = np.abs(iq).astype(np.complex64) if at % 8 == 7 else iq
-            image = SimpleNamespace(iq=np.ascontiguousarray(seen), envelope=envelope, rows=HISTORY_ROWS)
-            maker.fill(cast(EchoImage, image), out[at:at + 1])
-            at += 1
-    return out
+        hidden = np.arange(number) % 8 == 7
+        parts.append(inputs_of(kind, batch.images[:, 0], cast(NDArray[np.complex64], batch.iq)[:, 0], hidden))
+    return np.concatenate(parts)
 
 
 def quantised(fp32: bytes, inputs: NDArray[np.float32]) -> bytes:

@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.echo import COLUMN_M
-from saranga.network_input import normalised
+from saranga.input_kinds import inputs_of
 from saranga.synthesis import Synthesiser, load_recipe
-from saranga.track_map import SHAPE as TRACK_SHAPE
-from saranga.track_map import TrackMap
 
 PSNR_DB = (10.0, 5.0, 0.0)
 SEED = 777_777
@@ -36,14 +34,7 @@ def check_sets(input_kind: str, count: int = 200) -> list[CheckSet]:
     for psnr_db in PSNR_DB:
         recipe = load_recipe("default").with_values({**ONE_OBSTACLE, "noise.psnr_db": [psnr_db, psnr_db]})
         batch = Synthesiser(recipe, SEED, ("left",)).batch(0, count, iq=True)
-        assert batch.iq is not None
-        if input_kind == "tracks":
-            inputs = np.empty((count, *TRACK_SHAPE), dtype=np.float32)
-            TrackMap().fill_many(batch.iq[:, 0], np.zeros(count, dtype=np.bool_), inputs)
-        else:
-            inputs = np.empty_like(batch.images)
-            for image, out in zip(batch.images[:, 0], inputs[:, 0], strict=True):
-                normalised(image, out)
+        inputs = inputs_of(input_kind, batch.images[:, 0], batch.iq[:, 0] if batch.iq is not None else None)
         sets.append(CheckSet(psnr_db, inputs, batch.truth["path_m"][:, 0, 0] / 2.0))
     return sets
 

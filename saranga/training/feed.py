@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.echo import HISTORY_ROWS, RANGE_COLUMNS
-from saranga.network_input import normalised
+from saranga.input_kinds import inputs_of
 from saranga.synthesis import Synthesiser
-from saranga.track_map import SHAPE as TRACK_SHAPE
-from saranga.track_map import TrackMap
 from saranga.training.recipe import TrainingRecipe
 
 _AHEAD = 3
@@ -81,10 +79,9 @@ class Feed:
                 waiting.get_nowait()
 
     def _draw(self, thread: int) -> None:
-        track_map = TrackMap()
         try:
             for number in range(self._first + thread, self.batches, self._threads):
-                batch = draw_batch(self.recipe, self.sources, track_map, number)
+                batch = draw_batch(self.recipe, self.sources, number)
                 while not self._stop.is_set():
                     try:
                         self._queues[thread].put(batch, timeout=0.5)
@@ -97,7 +94,7 @@ class Feed:
             self._queues[thread].put(error)
 
 
-def draw_batch(recipe: TrainingRecipe, sources: Sources, track_map: TrackMap, number: int) -> TrainingBatch:
+def draw_batch(recipe: TrainingRecipe, sources: Sources, number: int) -> TrainingBatch:
     """Batch `number`; scenes are shuffled anew in every epoch when there is more than one."""
     scenes = scene_numbers(recipe, number)
     shape = (len(scenes), 1, HISTORY_ROWS, RANGE_COLUMNS)
@@ -108,14 +105,10 @@ def draw_batch(recipe: TrainingRecipe, sources: Sources, track_map: TrackMap, nu
         one = slice(k, k + 1)
         source = sources.extra if second and sources.extra else sources.main
         source.fill(int(scene), images[one], labels[one], iq[one] if iq is not None else None)
-    if iq is None:
-        inputs = np.empty_like(images)
-        for image, out in zip(images[:, 0], inputs[:, 0], strict=True):
-            normalised(image, out)
-        return TrainingBatch(inputs, np.ascontiguousarray(labels[:, 0]))
-    inputs = np.empty((len(scenes), *TRACK_SHAPE), dtype=np.float32)
-    track_map.fill_many(iq[:, 0], chosen(scenes, recipe.data.amplitude_only_share, 0), inputs)
-    return TrainingBatch(inputs, np.ascontiguousarray(labels[:, 0, -1]))
+    kind = "envelope" if iq is None else "tracks"
+    hidden = chosen(scenes, recipe.data.amplitude_only_share, 0)
+    inputs = inputs_of(kind, images[:, 0], None if iq is None else iq[:, 0], hidden)
+    return TrainingBatch(inputs, np.ascontiguousarray(labels[:, 0] if iq is None else labels[:, 0, -1]))
 
 
 def scene_numbers(recipe: TrainingRecipe, number: int) -> NDArray[np.int64]:

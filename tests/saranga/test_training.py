@@ -16,9 +16,9 @@ from test_training_data import small  # noqa: E402
 
 from saranga.__main__ import main  # noqa: E402
 from saranga.errors import UsageError  # noqa: E402
+from saranga.input_kinds import SHAPES  # noqa: E402
 from saranga.network import (  # noqa: E402
     ARCHITECTURES,
-    INPUT_SHAPES,
     build_network,
     load_checkpoint,
     parameter_count,
@@ -48,7 +48,7 @@ def test_size_and_shapes_are_as_promised(name: str) -> None:
     assert 1.24e6 * 0.95 <= parameter_count(network) <= 1.24e6 * 1.05
     layers = [m for m in network.modules() if isinstance(m, torch.nn.Conv2d | torch.nn.ConvTranspose2d)]
     assert [type(m).__name__ for m in layers] == ["Conv2d"] * 4 + ["ConvTranspose2d"] * 4
-    out = network(torch.zeros(2, *INPUT_SHAPES[network.input_kind]))
+    out = network(torch.zeros(2, *SHAPES[network.input_kind][1:]))
     assert tuple(out.shape) == ((2, 512) if name == "tracks" else (2, 32, 512))
 
 
@@ -109,10 +109,9 @@ def test_it_learns(tmp_path: Path) -> None:
     said = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert "strongest_within_5_cm" in said[-1]
     network = load_checkpoint(path)
-    from saranga.track_map import TrackMap
     from saranga.training.feed import Sources, draw_batch
 
-    batch = draw_batch(recipe, Sources.of(recipe), TrackMap(), 0)
+    batch = draw_batch(recipe, Sources.of(recipe), 0)
     with torch.inference_mode():
         logits = network(torch.from_numpy(batch.inputs))
     targets = torch.from_numpy(batch.targets)

@@ -8,7 +8,7 @@ import pytest
 
 from saranga.errors import UsageError
 from saranga.fixtures import fixture_path, load_toml
-from saranga.track_map import SHAPE, TrackMap
+from saranga.track_map import SHAPE
 from saranga.training.check import check_sets, strongest_edge_rate
 from saranga.training.feed import Feed, Sources, chosen, draw_batch, scene_numbers
 from saranga.training.recipe import TrainingRecipe, load_training_recipe, parse_training_recipe
@@ -81,7 +81,7 @@ def test_epochs_shuffle_and_cover_every_pair_once() -> None:
     for epoch in range(4):
         assert sorted(seen[10 * epoch:10 * epoch + 10]) == list(range(10))
     assert not np.array_equal(seen[:10], seen[10:20])
-    batch = draw_batch(recipe, Sources.of(recipe), TrackMap(), 1)
+    batch = draw_batch(recipe, Sources.of(recipe), 1)
     assert batch.inputs.shape == (4, 1, 32, 512) and batch.targets.shape == (4, 32, 512)
 
 
@@ -100,7 +100,7 @@ def test_the_second_recipe_is_what_its_share_is_drawn_from() -> None:
     assert sources.extra is not None
     second = chosen(np.arange(400), sources.share, 1)
     scene = int(np.flatnonzero(second)[0])
-    whole = draw_batch(recipe, sources, TrackMap(), scene // 4)
+    whole = draw_batch(recipe, sources, scene // 4)
     own = np.empty((1, 1, 32, 512), dtype=np.float32), np.empty((1, 1, 32, 512), dtype=np.float32)
     sources.extra.fill(scene, *own)
     np.testing.assert_array_equal(whole.targets[scene % 4], own[1][0, 0, -1])
