@@ -22,25 +22,28 @@ Point = tuple[float, float, float]
 
 
 def way_through(solids: Floats, arena_x_m: tuple[float, float], arena_y_m: tuple[float, float], netted: bool,
-                start_m: Point, goal_x_m: float, height_m: float, radius_m: float = MUST_FIT_RADIUS_M) -> bool:
-    """Whether a disc of `radius_m` can move in the plane at `height_m` from the start to x = goal_x_m.
+                start_m: Point, goal_x_m: float, height_m: float, radius_m: float = MUST_FIT_RADIUS_M,
+                heights_m: tuple[float, float] | None = None) -> bool:
+    """Whether a ball of `radius_m` can move from above the start to x = goal_x_m.
 
-    A grid of 5 cm over the arena, free where the disc touches neither obstacle nor (if netted) net; 8-connected.
-    The arena's own end behind the start and beyond the goal do not count.
+    A grid of 5 cm over the arena, free where the ball touches neither obstacle nor (if netted) net; every neighbour is
+    a way. In the plane at `height_m`, or with `heights_m` anywhere between those two. The arena's own end behind the
+    start and beyond the goal do not count.
 
     Args:
         solids: (S, 16) as in `sitl.solids`.
     """
     xs = np.arange(arena_x_m[0], arena_x_m[1] + CELL_M / 2, CELL_M)
     ys = np.arange(arena_y_m[0], arena_y_m[1] + CELL_M / 2, CELL_M)
-    grid = np.stack(np.meshgrid(xs, ys, [-height_m], indexing="ij"), axis=-1).reshape(-1, 3)
-    free = (signed_distance_m(solids, grid) >= radius_m).reshape(len(xs), len(ys))
+    zs = np.array([height_m]) if heights_m is None else np.arange(heights_m[0], heights_m[1] + CELL_M / 2, CELL_M)
+    grid = np.stack(np.meshgrid(xs, ys, -zs, indexing="ij"), axis=-1).reshape(-1, 3)
+    free = (signed_distance_m(solids, grid) >= radius_m).reshape(len(xs), len(ys), len(zs))
     if netted:
-        free &= ((ys - arena_y_m[0] >= radius_m) & (arena_y_m[1] - ys >= radius_m))[None, :]
-    labels, _ = ndimage.label(free, structure=np.ones((3, 3)))
+        free &= ((ys - arena_y_m[0] >= radius_m) & (arena_y_m[1] - ys >= radius_m))[None, :, None]
+    labels, _ = ndimage.label(free, structure=np.ones((3, 3, 3)))
     i = int(np.argmin(np.abs(xs - start_m[0])))
     j = int(np.argmin(np.abs(ys - start_m[1])))
-    home = labels[i, j]
+    home = labels[i, j, int(np.argmin(np.abs(zs - height_m)))]
     return bool(home != 0 and np.any(labels[xs >= goal_x_m] == home))
 
 

@@ -24,6 +24,8 @@ class Material(Table):
         areal_mass_kg_m2: of a thin sheet, which then reflects by the mass law; None for a thick body.
         absorbed: part of the pressure amplitude lost at the surface beyond that.
         roughness_m: standard deviation of the surface height.
+        diffuse: amplitude that a rough body scatters back within one pulse, over what the same body sent back if it
+            were smooth. It stands for the many scatterers of its surface; their fading is not modelled.
     """
 
     name: str
@@ -32,19 +34,21 @@ class Material(Table):
     areal_mass_kg_m2: Positive | None = None
     absorbed: float = Field(default=0.0, ge=0.0, le=1.0)
     roughness_m: NotNegative = 0.0
+    diffuse: float = Field(default=0.0, ge=0.0, le=1.0)
 
     @property
     def reflectivity(self) -> float:
-        """Pressure amplitude reflected coherently at normal incidence, 0..1.
+        """Pressure amplitude sent back at normal incidence, 0..1.
 
         Mass law |R| = x / sqrt(1 + x^2), x = pi f m / (rho c); coherent part exp(-2 k^2 s^2) of a rough surface
-        (Eckart). The diffuse part of a rough surface is left out.
+        (Eckart), to which the diffuse part adds in power.
         """
         sheet = 1.0
         if self.areal_mass_kg_m2 is not None:
             x = math.pi * FREQUENCY_HZ * self.areal_mass_kg_m2 / AIR_IMPEDANCE_PA_S_M
             sheet = x / math.hypot(1.0, x)
-        return sheet * (1.0 - self.absorbed) * math.exp(-2.0 * (WAVENUMBER_RAD_M * self.roughness_m) ** 2)
+        coherent = math.exp(-2.0 * (WAVENUMBER_RAD_M * self.roughness_m) ** 2)
+        return min(1.0, sheet * (1.0 - self.absorbed) * math.hypot(coherent, self.diffuse))
 
 
 @cache

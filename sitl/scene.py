@@ -18,12 +18,15 @@ from sitl.primitives import Primitives, facet_row
 from sitl.scene_spec import Arena, SceneSpec, Weather, Wind, load_scene
 from sitl.shapes import Shape
 from sitl.solids import gaps_m, signed_distance_m, stack_solids
+from sitl.traversability import Traversability, traversability
 
 __all__ = ["Arena", "Course", "Scene", "SceneSpec", "Weather", "Wind", "build_scene", "load_scene"]
 
 TRIES = 500
 START_CLEARANCE_M = 0.8
 GROUND_BEYOND_ARENA_M = 5.0
+FLYABLE_HEIGHTS_M = (0.4, 2.4)
+"""Of the way through a 3-D course: over the ground effect, under the ceiling with room to spare."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ def build_scene(spec: SceneSpec, seed: int) -> Scene:
     """
     if seed < 0:
         raise UsageError(f"seed = {seed} must be 0 or larger; choose another")
-    rng = np.random.default_rng(np.random.SeedSequence([seed, crc32(spec.name.encode())]))
+    rng = np.random.default_rng(np.random.SeedSequence([seed, crc32((spec.head.family or spec.name).encode())]))
     broken: dict[str, int] = {}
     for attempt in range(1, TRIES + 1):
         scene = _draw(spec, seed, rng, attempt)
@@ -136,14 +139,28 @@ def _broken_rule(spec: SceneSpec, scene: Scene) -> str | None:
         if dodges_needed(solids, course.start_m, course.goal_x_m, course.height_m) < dodges:
             return f"fewer than {dodges} dodges were needed"
         least = spec.generator.min_gap_m
-        # Explicit obstacles may touch each other: somebody put them there.
-        gaps = gaps_m([shape.solids() for shape in scene.obstacles])[len(spec.obstacles):]
-        if gaps.size and gaps.min() < least:
-            return f"two obstacles stood nearer than {least:g} m"
+        if least > 0.0:
+            # Explicit obstacles may touch each other: somebody put them there.
+            gaps = gaps_m([shape.solids() for shape in scene.obstacles])[len(spec.obstacles):]
+            if gaps.size and gaps.min() < least:
+                return f"two obstacles stood nearer than {least:g} m"
+    if spec.course.traversability is not None:
+        least, most = spec.course.traversability
+        if not least <= (found := scene_traversability(scene).mean) <= most:
+            return f"traversability was {'under' if found < least else 'over'} {least:g} .. {most:g}"
     arena = scene.arena
-    if not way_through(solids, arena.x_m, arena.y_m, arena.netted, course.start_m, course.goal_x_m, course.height_m):
+    heights_m = FLYABLE_HEIGHTS_M if spec.course.three_d else None
+    if not way_through(solids, arena.x_m, arena.y_m, arena.netted, course.start_m, course.goal_x_m, course.height_m,
+                       heights_m=heights_m):
         return f"no way through was {2 * MUST_FIT_RADIUS_M:g} m wide"
     return None
+
+
+def scene_traversability(scene: Scene) -> Traversability:
+    """Traversability of a course at its flight height; of an open one, of the part that obstacles stand in."""
+    boxes = [shape.solids()[:, 1] for shape in scene.obstacles]
+    x_m = (min(float(x.min()) for x in boxes), max(float(x.max()) for x in boxes)) if boxes else None
+    return traversability(scene.solids, scene.arena, scene.course.height_m, x_m)
 
 
 def _ground(arena: Arena) -> Primitives:

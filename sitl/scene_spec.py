@@ -16,11 +16,15 @@ SECTIONS = ["scene", "arena", "weather", "wind", "course", "obstacle", "generato
 
 
 class Head(Table):
-    """[scene]: `paper_row` names the row of the paper's table of flights that it stands for."""
+    """[scene]: `paper_row` names the row of the paper's table of flights that it stands for.
+
+    `family`: scenes of one family draw the same course from the same seed (where their other tables agree).
+    """
 
     name: str = Field(min_length=1)
     description: str
     paper_row: str | None = None
+    family: str | None = None
 
 
 class Arena(Table):
@@ -64,6 +68,8 @@ class CourseSpec(Table):
     """[course]: from a start drawn in `start_x_m`, `start_y_m` (a number or [smallest, largest]) to `goal_x_m`.
 
     `must_dodge`: a straight flight has to collide; left out, it is so where a generator draws the obstacles.
+    `three_d`: the way through may lead over and under obstacles, not only past them.
+    `traversability`: [smallest, largest] that a drawn course may have (`sitl.traversability`).
     """
 
     start_x_m: OrderedRange
@@ -73,6 +79,8 @@ class CourseSpec(Table):
     speed_m_s: float = Field(default=1.0, gt=0.0, le=10.0)
     timeout_s: Positive = 60.0
     must_dodge: bool | None = None
+    three_d: bool = False
+    traversability: OrderedPair | None = None
 
     @model_validator(mode="after")
     def _forward(self) -> Self:

@@ -182,4 +182,4 @@ def test_staggering_keeps_spacing_and_order():
 
 
 def test_generators_are_found_by_their_files():
-    assert generator_kinds() == ("boxes", "poles")
+    assert generator_kinds() == ("boxes", "forest", "mixed", "poles")

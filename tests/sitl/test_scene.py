@@ -173,7 +173,7 @@ def test_negative_seed_is_refused():
     ("start_y_m = 0.0", "start_y_m = [0.5, -0.5]", ["[course] start_y_m", "[smallest, largest]"]),
     ("[course]", "[weather]\nhumidity_percent = 140\n[course]", ["[weather] humidity_percent = 140", "100"]),
     ("[course]", "[wind]\ngust_s = 0\n[course]", ["[wind] gust_s = 0", "greater than 0"]),
-    ("[course]", '[generator]\nkind = "trees"\n[course]', ["'trees'", "boxes, poles"]),
+    ("[course]", '[generator]\nkind = "trees"\n[course]', ["'trees'", "boxes, forest, mixed, poles"]),
     ("[course]", "[generator]\ncount = 3\n[course]", ["[generator]", "'kind' is missing"]),
     ("[course]", '[generator]\nkind = "poles"\ncount = 0\n[course]', ["count = 0", "greater than or equal to 1"]),
     ("[course]", '[generator]\nkind = "poles"\nx_m = [3.0, 5.0]\n[course]', ["too short for 5 obstacles"]),
@@ -195,5 +195,5 @@ def test_bad_files_get_one_clear_line(tmp_path, old, new, words):
 
 
 def test_unknown_scene_lists_the_known_ones():
-    with pytest.raises(UsageError, match=r"did you mean 'poles'.*boxes, open, poles"):
+    with pytest.raises(UsageError, match=r"did you mean 'poles'.*boxes, open, paper-3d"):
         load_scene("pole")

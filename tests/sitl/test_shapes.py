@@ -201,7 +201,7 @@ def test_materials_follow_the_mass_law_and_roughness():
 
 
 @pytest.mark.parametrize(("table", "words"), [
-    ({"kind": "sphere"}, ["'sphere'", "box, cylinder, wall"]),
+    ({"kind": "sphere"}, ["'sphere'", "box, cylinder, tree, wall"]),
     ({"x_m": 1.0}, ["'kind' is missing", "cylinder"]),
     ({**UPRIGHT, "diametre_m": 0.1}, ["'diametre_m'", "did you mean 'diameter_m'", "height_m"]),
     ({**UPRIGHT, "diameter_m": -0.06}, ["diameter_m = -0.06", "greater than 0"]),
@@ -228,4 +228,4 @@ def test_bad_tables_get_one_clear_line(table, words):
 
 
 def test_kinds_are_found_by_their_files():
-    assert shape_kinds() == ("box", "cylinder", "wall")
+    assert shape_kinds() == ("box", "cylinder", "tree", "wall")
