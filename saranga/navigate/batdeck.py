@@ -6,7 +6,8 @@ v_x = d / 4 beyond 0.3 m, rising at most 0.05 m/s a command and never above 1 m/
 to full at 0.4 m; the side flips with probability 1/2 once 10 s have passed and d > 0.4 m.
 
 Not stated there and chosen here: "full" is `full_yaw_rad_s` = 1.5 rad/s (about 86 deg/s; the firmware's 5.5 has no
-known unit); nothing over the threshold reads as d = 4 m, the full speed; the filter runs once an echo cycle; the noise
+known unit); nothing over the threshold reads as d = `nothing_m`, the end of the
+record (1.66 m, so 0.41 m/s), as more than that cannot be known to be free; the filter runs once an echo cycle; the noise
 is the mean of the last `calibration_cycles` (1 s) before `reset`, which marks the start of the course, so of the
 hover after take-off; where there were fewer, it hovers until it has them; bins nearer than `blind_m` hold ring-down
 and do not count.
@@ -44,7 +45,7 @@ class BatDeckParameters:
     full_m: float = 0.4
     full_yaw_rad_s: float = 1.5
     flip_s: float = 10.0
-    nothing_m: float = 4.0
+    nothing_m: float = RANGE_COLUMNS * COLUMN_M
     calibration_cycles: int = 40
     seed: int = 1
 
@@ -153,12 +154,12 @@ class BatDeck:
         return VelocityCommand(self._speed_m_s, 0.0, 0.0, self._side * turn * p.full_yaw_rad_s)
 
 
-def build(desired_speed_m_s: float = 1.0, seed: int = 1, full_yaw_rad_s: float = 1.5, calibration_cycles: int = 40
-          ) -> BatDeck:
+def build(desired_speed_m_s: float = 1.0, seed: int = 1, full_yaw_rad_s: float = 1.5, calibration_cycles: int = 40,
+          nothing_m: float = RANGE_COLUMNS * COLUMN_M) -> BatDeck:
     """BatDeck at no more than `desired_speed_m_s` (and never above 1 m/s); `seed` draws the turning side.
 
     Raises:
         ValueError: a parameter that is not finite or negative.
     """
     return BatDeck(BatDeckParameters(desired_speed_m_s=desired_speed_m_s, seed=seed, full_yaw_rad_s=full_yaw_rad_s,
-                                     calibration_cycles=calibration_cycles))
+                                     calibration_cycles=calibration_cycles, nothing_m=nothing_m))

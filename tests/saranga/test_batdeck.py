@@ -57,7 +57,7 @@ class Bench:
 
 @pytest.mark.parametrize(("d", "vx", "yaw"), [
     (1.2, 0.30, 0.0), (0.8, 0.20, 0.0), (0.6, 0.15, 0.75), (0.5, 0.125, 1.125), (0.4, 0.10, 1.5), (0.32, 0.08, 1.5),
-    (0.28, 0.0, 1.5), (None, 1.0, 0.0)])
+    (0.28, 0.0, 1.5), (None, 0.415, 0.0)])
 def test_speed_and_yaw_follow_the_distance(d: float | None, vx: float, yaw: float) -> None:
     command = Bench().settle(d)
     assert command.vx_m_s == pytest.approx(vx, abs=0.002)
@@ -66,12 +66,12 @@ def test_speed_and_yaw_follow_the_distance(d: float | None, vx: float, yaw: floa
 
 
 def test_speed_rises_slowly_and_falls_at_once() -> None:
-    bench = Bench()
+    bench = Bench(nothing_m=5.0)
     speeds = [bench.tick(None).vx_m_s for _ in range(30)]
     assert np.allclose(np.diff(speeds[:19]), 0.05) and speeds[-1] == 1.0
     assert bench.tick(0.28, counts=20_000.0).vx_m_s == 0.0
-    assert Bench(desired_speed_m_s=0.5).settle(None).vx_m_s == 0.5
-    assert Bench(desired_speed_m_s=2.0).settle(None).vx_m_s == 1.0
+    assert Bench(desired_speed_m_s=0.5, nothing_m=5.0).settle(None).vx_m_s == 0.5
+    assert Bench(desired_speed_m_s=2.0, nothing_m=5.0).settle(None).vx_m_s == 1.0
 
 
 def test_threshold_is_learnt_in_hover() -> None:

@@ -126,7 +126,7 @@ def test_rotorpy_floor_and_floating_blocks(tmp_path: Path) -> None:
 
 
 BAD_TESTS: list[tuple[Any, str]] = [
-    ([{**BOX, "size": {"l": float("nan"), "w": 1, "h": 1}}], r"obstacles\[0\]\.size\.l = nan"),
+    ([{**BOX, "size": {"l": float("nan"), "w": 1, "h": 1}}], r"obstacles\[0\]\.size\.l = 'NaN'"),
     ([BOX, {**BOX, "size": {"l": 1, "w": -2, "h": 1}}], r"obstacles\[1\]\.size\.w = -2"),
     ([{**BOX, "size": {"l": 1, "h": 1}}], r"size\.w is missing"),
     ([{"size": BOX["size"]}], r"\[0\]\.position = None"),
