@@ -107,7 +107,8 @@ def test_rotorpy_along_x(tmp_path: Path) -> None:
     assert scene.course.goal_x_m == pytest.approx(10.0) and scene.course.height_m == 1.0 and scene.arena.netted
 
 
-@pytest.mark.parametrize(("start", "goal"), [([11, 0, 1], [1, 0, 1]), ([6, -2.5, 1], [6, 2.5, 1]), ([1, -2, 2], [11, 2, 2])])
+@pytest.mark.parametrize(("start", "goal"), [
+    ([11, 0, 1], [1, 0, 1]), ([6, -2.5, 1], [6, 2.5, 1]), ([1, -2, 2], [11, 2, 2])])
 def test_rotorpy_turns_any_course(tmp_path: Path, start: list[float], goal: list[float]) -> None:
     scene = loaded(tmp_path, {**WORLD, "start": start, "goal": goal}, "w.json")
     ahead = np.subtract(goal, start)[:2] / math.dist(goal[:2], start[:2])
