@@ -6,11 +6,10 @@ v_x = d / 4 beyond 0.3 m, rising at most 0.05 m/s a command and never above 1 m/
 to full at 0.4 m; the side flips with probability 1/2 once 10 s have passed and d > 0.4 m.
 
 Not stated there and chosen here: "full" is `full_yaw_rad_s` = 1.5 rad/s (about 86 deg/s; the firmware's 5.5 has no
-known unit); nothing over the threshold reads as d = `nothing_m`, the end of the
-record (1.66 m, so 0.41 m/s), as more than that cannot be known to be free; the filter runs once an echo cycle; the noise
-is the mean of the last `calibration_cycles` (1 s) before `reset`, which marks the start of the course, so of the
-hover after take-off; where there were fewer, it hovers until it has them; bins nearer than `blind_m` hold ring-down
-and do not count.
+known unit); nothing over the threshold reads as d = `nothing_m`, the end of the record (1.66 m, so 0.41 m/s), as more
+than that cannot be known to be free; the filter runs once an echo cycle; the noise is the mean of the last
+`calibration_cycles` (1 s) before `reset`, which marks the start of the course, so of the hover after take-off; where
+there were fewer, it hovers until it has them; bins nearer than `blind_m` hold ring-down and do not count.
 """
 
 from collections import deque
