@@ -185,7 +185,8 @@ def _baselines(path: Path, tables: dict[str, Any],
                              "required (or left alone, a single sensor)")
     if "right" not in positions:
         if tables.get("baselines_m"):
-            raise UsageError(f"{path}: baselines_m is {tables['baselines_m']!r} with a single sensor: remove it")
+            raise UsageError(f"{path}: positions_m.right is missing, but baselines_m is {tables['baselines_m']!r}: add "
+                             "the sensor, or remove [baselines_m] of a single sensor")
         return 0.0, 0.0
     left, right, down = positions["left"], positions["right"], positions.get("down")
     span_h = right[1] - left[1]
