@@ -50,12 +50,18 @@ def _top() -> None:
 
 @app.command(epilog=FLY_EXAMPLES)
 def fly(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name in fixtures/scenes, or a path to a .toml file.")],
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="Name in fixtures/scenes, or a .toml, .yaml or .json file.")
+    ],
     autopilot: Annotated[str, typer.Option(help="embedded or arducopter (the real firmware, SITL).")] = "embedded",
-    stack: Annotated[str, typer.Option(help="saranga, none (straight ahead), or MODULE:NAME.")] = "saranga",
+    stack: Annotated[
+        str, typer.Option(help="saranga, batdeck, none (straight ahead), or MODULE:NAME.")
+    ] = "saranga",
     denoiser: Annotated[str, typer.Option(help="tbd (track-before-detect), gaussian, ...")] = "tbd",
     shield: Annotated[str, typer.Option(help="Name in fixtures/shields, or a path.")] = "foam",
-    sonar: Annotated[str, typer.Option(help="Name in fixtures/sonars, or a path.")] = "pair",
+    sonar: Annotated[
+        str | None, typer.Option(help="Name in fixtures/sonars, or a path [the stack's own, else pair].")
+    ] = None,
     trials: Annotated[int, typer.Option(help="How many flights, with seeds S, S+1, ...")] = 1,
     seed: Annotated[int, typer.Option(help="Seed of the first flight: course, wind and noise follow from it.")] = 1,
     fault: Annotated[
@@ -85,6 +91,7 @@ def fly(
     from bench.interrupt import interruptible
     from bench.store import Store, runs_root
     from bench.terminal import make_reporter, summary_text
+    from saranga.navigate import sonar_of
     from sitl.trial_types import Faults, TrialRequest
 
     faults = Faults.parse(fault or [])
@@ -95,7 +102,7 @@ def fly(
         stack=stack,
         denoiser=denoiser,
         shield=shield,
-        sonar=sonar,
+        sonar=sonar or sonar_of(stack),
         faults=faults if faults.any() else None,
         max_sim_s=max_sim_s,
     )

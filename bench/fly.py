@@ -16,8 +16,9 @@ from bench.store import Run, Store, write_json
 from bench.terminal import Reporter
 from bench.verdict import Limit, find_limits, load_limits
 from saranga.errors import BenchError, UsageError
-from saranga.fixtures import fixture_path, load_toml
+from saranga.fixtures import fixture_path
 from saranga.numba_cache import is_cold
+from sitl.importers import scene_path, scene_tables
 from sitl.trial_types import TrialProgress, TrialRequest, TrialResult
 
 AUTOPILOTS = ("embedded", "arducopter")
@@ -60,7 +61,7 @@ def make_plan(
         raise UsageError(f"--seed {request.seed}: not negative")
     if request.autopilot not in AUTOPILOTS:
         raise UsageError(f"unknown autopilot {request.autopilot!r}: known are {', '.join(AUTOPILOTS)}")
-    load_toml(fixture_path("scenes", request.scene))
+    scene_tables(scene_path(request.scene))
     name = limits if limits is not None else find_limits(request.scene)
     found = load_limits(name, known_metrics=tuple(METRIC_UNITS)) if name is not None else []
     file = fixture_path("limits", name) if name is not None else None
@@ -275,7 +276,7 @@ def input_hashes(request: TrialRequest, limits_file: Path | None = None) -> dict
     found = {}
     for name, (kind, item) in files.items():
         try:
-            found[name] = sha256_of(fixture_path(kind, item))
+            found[name] = sha256_of(scene_path(item) if kind == "scenes" else fixture_path(kind, item))
         except (UsageError, OSError):  # an unknown name is reported by the trial, which knows what it needs
             continue
     if limits_file is not None:

@@ -38,8 +38,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--vehicle", required=True, metavar="URL",
                      help="serial:///dev/ttyS0?baud=921600, tcp://host:port, udpin://host:port, udpout://host:port")
     run.add_argument("--denoiser", default="tbd", help="by name (default: %(default)s)")
-    run.add_argument("--stack", default="saranga", help="policy: saranga, none or MODULE:NAME (default: %(default)s)")
-    run.add_argument("--sonar", default="pair", help="name in fixtures/sonars or a TOML path (default: %(default)s)")
+    run.add_argument("--stack", default="saranga",
+                     help="policy: saranga, batdeck, none or MODULE:NAME (default: %(default)s)")
+    run.add_argument("--sonar", help="name in fixtures/sonars or a TOML path (default: the policy's own, else pair)")
     run.add_argument("--speed", type=float, default=1.0, metavar="M/S", help="desired speed (default: %(default)s)")
     run.add_argument("--temperature", type=float, metavar="C",
                      help="air, for the speed of sound (default: by the rig's STATUS, the sonar file until then)")
@@ -59,14 +60,14 @@ def _run(arguments: argparse.Namespace) -> int:
     from saranga.companion import Companion
     from saranga.denoise import load_denoiser
     from saranga.echo import load_sonar
-    from saranga.navigate import load_policy
+    from saranga.navigate import load_policy, sonar_of
     from saranga.sources import open_source
     from saranga.stack import Stack
     from saranga.transport import open_transport
 
     if not 0.0 < arguments.speed <= 3.0:
         raise UsageError(f"--speed {arguments.speed:g} m/s: must be over 0 and at most 3 m/s")
-    geometry = load_sonar(arguments.sonar)
+    geometry = load_sonar(arguments.sonar or sonar_of(arguments.stack))
     fixed = arguments.temperature is not None
     stack = Stack(load_denoiser(arguments.denoiser), load_policy(arguments.stack, desired_speed_m_s=arguments.speed),
                   geometry, arguments.temperature if fixed else geometry.temperature_c, arguments.disparity)

@@ -43,9 +43,9 @@ class SensorCalibration:
 class SonarGeometry:
     """A suite of sonar sensors. Positions are body FRD from the airframe's centre.
 
-    `baseline_h_m` is left to right, `baseline_v_m` left to down (0 without a down sensor). Counts are |IQ|
-    of the sensor's int16 output. `counts_at_1m` is the echo of a large plane at 1 m on axis,
-    transmit/receive. `calibration` is by role; a role in it has a known phase against the left sensor.
+    `baseline_h_m` is left to right, `baseline_v_m` left to down (0 without such a sensor). A single sensor has the
+    role "left". Counts are |IQ| of the sensor's int16 output. `counts_at_1m` is the echo of a large plane at 1 m on
+    axis, transmit/receive. `calibration` is by role; a role in it has a known phase against the left sensor.
     """
 
     name: str
@@ -126,7 +126,8 @@ def _known_only(path: Path, tables: dict[str, Any]) -> None:
                 raise UsageError(f"{path}: unknown key {table}.{key}: known are "
                                  f"{', '.join(sorted(known[table]))}")
     for table in known:
-        if table not in tables and table != "calibration":
+        optional = {"calibration"} | ({"baselines_m"} if set(tables.get("positions_m", ())) == {"left"} else set())
+        if table not in tables and table not in optional:
             raise UsageError(f"{path}: table [{table}] is missing: copy it from fixtures/sonars/pair.toml")
 
 
@@ -179,9 +180,14 @@ def _baselines(path: Path, tables: dict[str, Any],
                positions: dict[str, tuple[float, float, float]]) -> tuple[float, float]:
     """Baselines from the positions, checked against what the file says and what localisation assumes."""
     for role in ("left", "right"):
-        if role not in positions:
+        if role not in positions and set(positions) != {"left"}:
             raise UsageError(f"{path}: positions_m.{role} is missing: the left and the right sensor are "
-                             "required")
+                             "required (or left alone, a single sensor)")
+    if "right" not in positions:
+        if tables.get("baselines_m"):
+            raise UsageError(f"{path}: positions_m.right is missing, but baselines_m is {tables['baselines_m']!r}: add "
+                             "the sensor, or remove [baselines_m] of a single sensor")
+        return 0.0, 0.0
     left, right, down = positions["left"], positions["right"], positions.get("down")
     span_h = right[1] - left[1]
     span_v = down[2] - left[2] if down else 0.0

@@ -16,7 +16,7 @@ from saranga.disparity import match
 from saranga.echo import EchoCycle, EchoFrame, EchoImage, SonarGeometry, sound_speed_m_s
 from saranga.errors import UsageError
 from saranga.localise import DISPARITY_TOLERANCE, Obstacle, edges, localise, positions
-from saranga.navigate import Policy, VelocityCommand
+from saranga.navigate import EchoPolicy, Policy, VelocityCommand
 
 HOLD = VelocityCommand(0.0, 0.0, 0.0)
 # Ten echo cycles: shorter gaps are ordinary loss, longer ones fly blind for over 0.25 m at 1 m/s.
@@ -54,14 +54,19 @@ class Stack:
             carrier (`saranga.disparity`); `edges`: the denoiser's edges alone. `auto` is phase for a sensor whose
             calibration is in `geometry`, else envelope.
 
+    An `EchoPolicy` reads the images itself: neither denoiser nor localisation runs then.
+
     Raises:
-        UsageError: another `disparity`.
+        UsageError: another `disparity`, or a policy that needs obstacles with a single sensor.
     """
 
     def __init__(self, denoiser: Denoiser, policy: Policy, geometry: SonarGeometry,
                  temperature_c: float = 20.0, disparity: str = "auto") -> None:
         if disparity not in DISPARITIES:
             raise UsageError(f"unknown disparity {disparity!r}: known are {', '.join(DISPARITIES)}")
+        if not isinstance(policy, EchoPolicy) and len(geometry.positions_m) < 2:
+            raise UsageError(f"stack {policy.name!r} needs two sensors, sonar {geometry.name!r} has only "
+                             f"{', '.join(geometry.roles)}: choose another with --sonar, such as pair")
         self.denoiser = denoiser
         self.policy = policy
         self.geometry = geometry
@@ -118,6 +123,20 @@ class Stack:
         if decision.fault is not None:
             return decision
 
+        if isinstance(self.policy, EchoPolicy):
+            command = self.policy.decide_echoes(self._images, t_us)
+        else:
+            start = self._perceive(decision, start)
+            command = self.policy.decide(decision.obstacles, t_us)
+        timing["navigate"], start = _lap(start)
+        decision.fault = _unusable(command, self.policy.name)
+        if decision.fault is None:
+            decision.command = command
+        return decision
+
+    def _perceive(self, decision: Decision, start: float) -> float:
+        """Edges and obstacles into `decision`; returns when it was done."""
+        timing = decision.timing_ms
         paths: dict[str, NDArray[np.float64]] = {}
         for role, image in self._images.items():
             row = np.atleast_2d(self.denoiser(image))[-1]
@@ -131,12 +150,7 @@ class Stack:
                 strength = score
         decision.obstacles = self._locate(paths, strength)
         timing["localise"], start = _lap(start)
-        command = self.policy.decide(decision.obstacles, t_us)
-        timing["navigate"], start = _lap(start)
-        decision.fault = _unusable(command, self.policy.name)
-        if decision.fault is None:
-            decision.command = command
-        return decision
+        return start
 
     def _locate(self, paths: dict[str, NDArray[np.float64]], strength: NDArray[np.float64]) -> list[Obstacle]:
         geometry = self.geometry

@@ -110,9 +110,15 @@ def build_scene(spec: SceneSpec, seed: int) -> Scene:
         if fault is None:
             return scene
         broken[fault] = broken.get(fault, 0) + 1
+        if spec.generator is None and not _start_is_drawn(spec):
+            raise UsageError(f"{spec.path}: this course cannot be flown: {fault}; correct the file")
     worst = max(broken, key=lambda rule: broken[rule])
     raise UsageError(f"{spec.path}: seed {seed}: no course in {TRIES} drawings; most often {worst} ({broken[worst]}x): "
                      "widen the arena or thin the obstacles out")
+
+
+def _start_is_drawn(spec: SceneSpec) -> bool:
+    return any(low != high for low, high in (spec.course.start_x_m, spec.course.start_y_m))
 
 
 def _draw(spec: SceneSpec, seed: int, rng: np.random.Generator, attempt: int) -> Scene:

@@ -7,8 +7,8 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from saranga.errors import UsageError
-from saranga.fixtures import fixture_path, load_toml
 from sitl.generators import Generator, generator_from_table
+from sitl.importers import scene_path, scene_tables
 from sitl.shapes import Shape, shape_from_table
 from sitl.validation import NotNegative, OrderedPair, OrderedRange, Positive, Table, known_key, validate
 
@@ -114,14 +114,14 @@ class SceneSpec:
 
 
 def load_scene(name: str) -> SceneSpec:
-    """Read a scene by its name in fixtures/scenes or by path.
+    """Read a scene by its name in fixtures/scenes or by path; courses of others go through `sitl.importers`.
 
     Raises:
         UsageError: unknown name; malformed file; unknown key, kind or material; a value of the wrong type, not
             finite or out of range. One line, with file, table, key and value.
     """
-    path = fixture_path("scenes", name)
-    table = load_toml(path)
+    path = scene_path(name)
+    table = scene_tables(path)
     for key in table:
         known_key(key, SECTIONS, f"{path}: table")
     for key in ("scene", "arena", "course"):

@@ -2,13 +2,14 @@
 
 import contextlib
 from collections.abc import Callable
+from math import isfinite
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from saranga.denoise import load_denoiser
 from saranga.denoise.model_file import weights_sha256
 from saranga.errors import DeviceError
-from saranga.navigate import Policy, VelocityCommand, load_policy
+from saranga.navigate import EchoPolicy, Policy, VelocityCommand, load_policy
 from saranga.sources import InProcessSource
 from saranga.stack import Decision, Stack
 from saranga.vehicle import VehicleLink, version_text
@@ -51,6 +52,15 @@ class _NanPolicy:
         return self._inner.decide(obstacles, t_us)
 
 
+class _NanEchoPolicy(_NanPolicy):
+    """The same around a policy that reads echoes."""
+
+    def decide_echoes(self, images: Any, t_us: int) -> VelocityCommand:
+        command = self.decide((), t_us)
+        assert isinstance(self._inner, EchoPolicy)
+        return self._inner.decide_echoes(images, t_us) if isfinite(command.vx_m_s) else command
+
+
 class _Companion:
     """The stack in the loop: echo bytes in, setpoint bytes out after the modelled compute latency."""
 
@@ -59,7 +69,8 @@ class _Companion:
         policy = load_policy(request.stack, desired_speed_m_s=course.speed_m_s)
         self._nan: _NanPolicy | None = None
         if faults.nan_policy_at_s is not None:
-            policy = self._nan = _NanPolicy(policy, faults.nan_policy_at_s)
+            kind = _NanEchoPolicy if isinstance(policy, EchoPolicy) else _NanPolicy
+            policy = self._nan = kind(policy, faults.nan_policy_at_s)
         denoiser = load_denoiser(request.denoiser)
         self.runtime: str | None = getattr(denoiser, "runtime", None)
         self.stack = Stack(denoiser, policy, world.geometry, world.scene.weather.temperature_c)

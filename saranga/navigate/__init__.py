@@ -7,10 +7,12 @@ from types import ModuleType
 from typing import Any
 
 from saranga.errors import UsageError
-from saranga.navigate.base import Policy, VelocityCommand
+from saranga.navigate.base import EchoPolicy, Policy, VelocityCommand
 from saranga.plugins import call_with_options, nearest_hint, plugins
 
-__all__ = ["Policy", "VelocityCommand", "load_policy", "policy_names"]
+DEFAULT_SONAR = "pair"
+
+__all__ = ["DEFAULT_SONAR", "EchoPolicy", "Policy", "VelocityCommand", "load_policy", "policy_names", "sonar_of"]
 
 
 def policy_names() -> list[str]:
@@ -18,12 +20,28 @@ def policy_names() -> list[str]:
     return list(plugins(sys.modules[__name__]))
 
 
+def sonar_of(name: str) -> str:
+    """The suite in fixtures/sonars that policy `name` is made for: its module's SONAR, else `pair`.
+
+    A user's own policy may say it by an attribute `sonar` of the class or instance. Never raises: a name that is
+    not known is reported by `load_policy`.
+    """
+    module_name, colon, attribute = name.partition(":")
+    if not colon:
+        return str(getattr(plugins(sys.modules[__name__]).get(name), "SONAR", DEFAULT_SONAR))
+    try:
+        target = _attribute(_import(name, module_name), name, attribute)
+    except UsageError:
+        return DEFAULT_SONAR
+    return str(getattr(target, "sonar", DEFAULT_SONAR))
+
+
 def load_policy(name: str, **params: Any) -> Policy:
     """The policy called `name`, or the user's own from `MODULE:NAME`.
 
     Args:
-        name: `saranga`, `none`, or `MODULE:NAME` where NAME is a class or factory (called with `params`) or a
-            ready instance. MODULE is looked up on the import path and in the current folder.
+        name: `saranga`, `batdeck`, `none`, or `MODULE:NAME` where NAME is a class or factory (called with `params`)
+            or a ready instance. MODULE is looked up on the import path and in the current folder.
         params: options of the policy, such as `desired_speed_m_s`.
 
     Raises:

@@ -1,9 +1,10 @@
 """What a navigation policy is, and what it commands."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from saranga.echo import EchoImage
 from saranga.localise import Obstacle
 
 
@@ -29,4 +30,13 @@ class Policy(Protocol):
 
     def decide(self, obstacles: Sequence[Obstacle], t_us: int) -> VelocityCommand:
         """Velocity to command at `t_us` (microseconds, never falling) given the obstacles seen now."""
+        ...
+
+
+@runtime_checkable
+class EchoPolicy(Policy, Protocol):
+    """A policy that reads the echoes themselves: the stack then runs neither denoiser nor localisation."""
+
+    def decide_echoes(self, images: Mapping[str, EchoImage], t_us: int) -> VelocityCommand:
+        """Velocity to command at `t_us` given the echo images by sensor role."""
         ...
