@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench import rig_cli, runs_cli, sitl_cli
+from bench import campaign_cli, rig_cli, runs_cli, sitl_cli
 from saranga.errors import BenchError
 
 EXIT_CODES = "Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted."
@@ -24,6 +24,7 @@ app = typer.Typer(
 app.add_typer(rig_cli.app, name="rig")
 app.add_typer(sitl_cli.app, name="sitl")
 runs_cli.add_commands(app)
+app.command(epilog=campaign_cli.EXAMPLES)(campaign_cli.campaign)
 
 FLY_EXAMPLES = f"""\b
 Examples:

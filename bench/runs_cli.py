@@ -1,6 +1,7 @@
 """`saranga-bench runs`, `view` and `report`: what was flown before."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -81,9 +82,16 @@ def report(
         return
     from bench.flight_page import write_page
     from bench.fly import rebuild
-    from bench.store import Store, runs_root
+    from bench.store import Run, Store, read_run, runs_root
 
     folder = Store(runs_root(out)).resolve(run)
+    if (read_run(folder) or Run(folder, {})).info.get("kind") == "campaign":
+        from bench.campaign.runner import publish_campaign
+        from bench.campaign.summary import rebuild_campaign
+
+        publish_campaign(folder, rebuild_campaign(folder), lambda line: print(line, file=sys.stderr))
+        print(folder / "report.html")
+        return
     rebuild(folder)
     print(write_page(folder))
 

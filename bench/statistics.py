@@ -1,10 +1,15 @@
-"""Rates from few trials: Wilson's interval, and how many more trials a decision needs.
+"""Rates from few trials: Wilson's interval, how many more trials a decision needs, sequential and paired tests.
 
 E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
+A. Wald, "Sequential tests of statistical hypotheses", Annals of Mathematical Statistics 16 (1945).
+Q. McNemar, "Note on the sampling error of the difference between correlated proportions", Psychometrika 12 (1947).
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Literal
 
 CONFIDENCE = 0.95
 MOST_TRIALS = 100_000
@@ -54,6 +59,68 @@ def trials_needed(successes: int, trials: int, limit: float, confidence: float =
         middle = (low + high) // 2
         low, high = (low, middle) if decided(middle) else (middle + 1, high)
     return low - trials
+
+
+@dataclass(frozen=True)
+class Sprt:
+    """Wald's sequential test of "the rate is p1" against "it is p0", p0 < p1.
+
+    Attributes:
+        decision: "accept" (p1), "reject" (p0 is more likely) or "continue".
+        at_trial: number of the trial that decided, from 1; None while it goes on.
+        log_ratio: log likelihood ratio there, or after all trials.
+        expected_more: further trials until a decision if the rate stays as it was observed (as p1 where nothing was
+            observed); 0 when decided, None when it would not end in 100 000.
+    """
+
+    decision: Literal["accept", "reject", "continue"]
+    at_trial: int | None
+    log_ratio: float
+    expected_more: int | None
+    p0: float
+    p1: float
+
+
+def sprt(outcomes: Sequence[bool], p0: float, p1: float, alpha: float = 0.05, beta: float = 0.05) -> Sprt:
+    """Run the test over outcomes in the order they were drawn; what comes after the decision is not looked at.
+
+    Raises:
+        ValueError: not 0 < p0 < p1 < 1, or an error rate outside (0, 0.5).
+    """
+    if not 0.0 < p0 < p1 < 1.0:
+        raise ValueError(f"rates {p0}, {p1}: 0 < p0 < p1 < 1 is needed")
+    if not (0.0 < alpha < 0.5 and 0.0 < beta < 0.5):
+        raise ValueError(f"error rates {alpha}, {beta}: must lie between 0 and 0.5")
+    up, down = math.log(p1 / p0), math.log((1.0 - p1) / (1.0 - p0))
+    accept, reject = math.log((1.0 - beta) / alpha), math.log(beta / (1.0 - alpha))
+    ratio = 0.0
+    for number, success in enumerate(outcomes, start=1):
+        ratio += up if success else down
+        if ratio >= accept:
+            return Sprt("accept", number, ratio, 0, p0, p1)
+        if ratio <= reject:
+            return Sprt("reject", number, ratio, 0, p0, p1)
+    rate = sum(outcomes) / len(outcomes) if outcomes else p1
+    drift = rate * up + (1.0 - rate) * down
+    left = (accept - ratio) / drift if drift > 0.0 else (reject - ratio) / drift if drift < 0.0 else math.inf
+    return Sprt("continue", None, ratio, math.ceil(left) if left <= MOST_TRIALS else None, p0, p1)
+
+
+def mcnemar_exact(only_a: int, only_b: int) -> float:
+    """Two-sided exact p-value of paired trials: `only_a` pairs that only A passed, `only_b` that only B passed.
+
+    1.0 where the two never differed.
+
+    Raises:
+        ValueError: a negative count.
+    """
+    if only_a < 0 or only_b < 0:
+        raise ValueError(f"{only_a}, {only_b}: counts cannot be negative")
+    if only_a + only_b == 0:
+        return 1.0
+    from scipy.stats import binomtest
+
+    return float(binomtest(only_a, only_a + only_b, 0.5).pvalue)
 
 
 def _wilson(rate: float, trials: int, confidence: float) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """One flight, from scene and seed to outcome: a plain function of its inputs, safe to run in any worker."""
 
 import contextlib
+import math
 from collections.abc import Callable
 from math import isfinite
 from time import perf_counter
@@ -14,6 +15,7 @@ from saranga.sources import InProcessSource
 from saranga.stack import Decision, Stack
 from saranga.vehicle import VehicleLink, version_text
 from sitl.autopilot import make_autopilot
+from sitl.causes import label_of
 from sitl.clock import Delayed, Periodic
 from sitl.flight_log import FlightRecorder
 from sitl.ground_control import Phase
@@ -221,6 +223,8 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
     timing["other"] = max(loop_s - sum(timing.values()), 0.0)
     sim_s = world.t_us / 1e6
     log = recorder.finish(world.ground.all_events()) if recorder is not None and not recorder.empty else None
+    label = label_of(outcome, cause, judgement.part, judgement.obstacle_index, log)
+    along_m = float(world.physics.state.pos_m[0]) - world.scene.course.start_m[0]
     return TrialResult(
         scene=request.scene, seed=request.seed, outcome=outcome, cause=cause, part=judgement.part,
         success_strict=outcome == "clean" and landed,
@@ -231,4 +235,6 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
         autopilot={"kind": kind, "version": f"{version} {status.firmware_hash}".strip()},
         denoiser=request.denoiser, stack=request.stack, shield=request.shield,
         link_counters=companion.source.counters.__dict__.copy(), timing=timing,
-        weights_sha256=weights_sha256(request.denoiser), runtime=companion.runtime, log=log)
+        weights_sha256=weights_sha256(request.denoiser), runtime=companion.runtime,
+        label=label.name, label_reason=label.reason, path_length_m=judgement.path_length_m,
+        path_excess=judgement.path_length_m / along_m if along_m > 0.5 else math.nan, log=log)

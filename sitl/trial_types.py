@@ -258,7 +258,10 @@ def _plain(value: Any) -> Any:
 
 @dataclass
 class TrialResult:
-    """What happened in one flight; `cause` names in one line why it ended as it did."""
+    """What happened in one flight; `cause` names in one line why it ended as it did.
+
+    `label` (`sitl.causes`) says what to mend; `path_excess` is the path flown over the way made along the course.
+    """
 
     scene: str
     seed: int
@@ -282,6 +285,10 @@ class TrialResult:
     timing: dict[str, float] = field(default_factory=dict)
     weights_sha256: str | None = None
     runtime: str | None = None
+    label: str | None = None
+    label_reason: str = ""
+    path_length_m: float = math.nan
+    path_excess: float = math.nan
     log: FlightLog | None = None
     files: dict[str, str] = field(default_factory=dict)
 

@@ -1,0 +1,43 @@
+"""A campaign as JUnit: a suite a row, a case a trial and one for the row's own verdict."""
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+from bench.flight_summary import trial_verdict
+from bench.verdict import Verdict
+
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd]")
+
+
+def write_campaign_junit(path: Path, summary: dict[str, Any]) -> None:
+    """Write it whole or not at all. A trial that is not PASS is a failure, an error or skipped, never green."""
+    root = ET.Element("testsuites", name=_clean(summary["suite"]["name"]))
+    for row in summary["rows"]:
+        suite = ET.SubElement(root, "testsuite", name=_clean(row["name"]))
+        trials = [t for t in summary["outcomes"] if t["row"] == row["name"]]
+        for trial in trials:
+            case = ET.SubElement(suite, "testcase", classname=_clean(row["name"]), name=f"seed {trial['seed']}",
+                                 time=f"{trial.get('wall_s') or 0.0:.3f}")
+            text = f"{trial.get('label')}: {trial.get('label_reason') or trial.get('cause')}\n{trial['replay']}"
+            _mark(case, trial_verdict(trial), str(trial["outcome"]), text)
+        case = ET.SubElement(suite, "testcase", classname=_clean(row["name"]), name="rate")
+        _mark(case, Verdict(row["verdict"]), row["verdict"], row["reason"])
+        for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+            suite.set(name, str(len(suite.findall(f"testcase/{tag}"))))
+        suite.set("tests", str(len(suite.findall("testcase"))))
+    part = path.with_name(path.name + ".part")
+    ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
+    part.replace(path)
+
+
+def _mark(case: ET.Element, verdict: Verdict, what: str, text: str) -> None:
+    if verdict.accepted:
+        return
+    tag = {Verdict.FAIL: "failure", Verdict.ERROR: "error"}.get(verdict, "skipped")
+    ET.SubElement(case, tag, message=_clean(what)).text = _clean(text)
+
+
+def _clean(text: str) -> str:
+    return _NOT_XML.sub("?", text)

@@ -1,0 +1,32 @@
+"""A campaign in Markdown, for the summary of a CI step."""
+
+from typing import Any
+
+from bench.campaign_table import HEAD, origin_text, row_cells, speed_text
+from bench.flight_summary import trial_verdict
+
+MOST_FAILURES = 10
+
+
+def markdown_summary(summary: dict[str, Any]) -> str:
+    """Verdict, table, comparisons, and the first failures with the line that flies each again."""
+    lines = [f"## Campaign {_cell(summary['suite']['name'])}: {summary['verdict']}", "",
+             f"{_cell(summary['suite']['description'])}. {speed_text(summary['metrics'])}.", "",
+             "| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
+    lines += ["| " + " | ".join(_cell(cell) for cell in row_cells(row)) + " |" for row in summary["rows"]]
+    lines += ["", "`*`: the rule that decides. Intervals: Wilson, 95 %.", ""]
+    lines += [f"- **{_cell(c['name'])}**: {c['verdict']}, {_cell(c['reason'])}" for c in summary["comparisons"]]
+    lines += [f"- error: {_cell(text)}" for text in summary["errors"][:MOST_FAILURES]]
+    failed = [t for t in summary["outcomes"] if not trial_verdict(t).accepted]
+    if failed:
+        lines += ["", f"### {len(failed)} trials that did not pass"]
+        lines += [f"- {_cell(t['row'])} seed {t['seed']}: {t['outcome']}, {_cell(t.get('label') or 'no label')}. "
+                  f"{_cell(t.get('label_reason') or t.get('cause') or '')}\n  `{t['replay']}`"
+                  for t in failed[:MOST_FAILURES]]
+        if len(failed) > MOST_FAILURES:
+            lines.append(f"- and {len(failed) - MOST_FAILURES} more: see the page")
+    return "\n".join([*lines, "", _cell(origin_text(summary)), ""])
+
+
+def _cell(text: str) -> str:
+    return str(text).replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
