@@ -18,8 +18,24 @@ def physics() -> Physics:
     return Physics(load_airframe(), np.zeros(3), SteadyWind(), 1)
 
 
+BEFORE: set[int] = set()
+"""Helpers of earlier tests in this process, such as multiprocessing's resource tracker, which lives as long as it."""
+
+
+@pytest.fixture(autouse=True)
+def _others() -> None:
+    BEFORE.clear()
+    BEFORE.update(p.pid for p in psutil.Process().children(recursive=True))
+
+
+def started() -> list[psutil.Process]:
+    """Processes that the test started and that still run."""
+    return [p for p in psutil.Process().children(recursive=True)
+            if p.pid not in BEFORE and p.status() != psutil.STATUS_ZOMBIE]
+
+
 def children() -> list[str]:
-    return [p.name() for p in psutil.Process().children(recursive=True) if p.status() != psutil.STATUS_ZOMBIE]
+    return [p.name() for p in started()]
 
 
 def test_a_missing_binary_is_named_with_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -72,7 +88,7 @@ def test_it_boots_steps_and_leaves_no_process(physics: Physics, tmp_path: Path) 
             spoken += data
         assert np.all(throttle == 0.0), "disarmed motors must not turn"
         assert b"Init ArduCopter" in spoken
-        listening = [c for c in psutil.Process(psutil.Process().children()[0].pid).net_connections("inet")
+        listening = [c for c in started()[0].net_connections("inet")
                      if c.status == psutil.CONN_LISTEN]
         assert listening == []
     finally:
