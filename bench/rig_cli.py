@@ -1,4 +1,4 @@
-"""`saranga-bench rig import`: echoes recorded elsewhere."""
+"""`saranga-bench rig`: the sonar rig, its recordings, and an emulated one."""
 
 import json
 from pathlib import Path
@@ -25,9 +25,46 @@ The recording plays anywhere with file:echoes.mcap.
 """
 
 
-@app.callback()
-def _top() -> None:
-    """Keeps `import` a named command."""
+EMULATE_EXAMPLES = """\b
+Examples:
+  saranga-bench rig emulate
+      prints the URL of a pty; leave it running and use the URL elsewhere
+  saranga-bench rig emulate --port tcp:5555 --stand prop5 --shield foam --seed 3
+      with a thrust stand behind the same port, and a shield before the propeller
+  saranga-bench rig emulate --fault swapped_sensors --fault duplicates=0.02
+  saranga-bench rig emulate --shield foam=12.5 --truth truth.jsonl
+      a shield of 12.5 dB; what the device was given and did goes to the file
+
+Orders on stdin: shield NAME, unplug, plug, quit. Ctrl-C ends it.
+"""
+
+
+@app.command(epilog=EMULATE_EXAMPLES)
+def emulate(
+    port: Annotated[str, typer.Option(help="pty, tcp (any free port) or tcp:PORT, on the loopback.")] = "pty",
+    sonar: Annotated[str, typer.Option(help="Sensors: a name in fixtures/sonars, or a path.")] = "pair",
+    stand: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Also a thrust stand: a name in fixtures/thrust, or a path.")
+    ] = None,
+    shield: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME[=dB]", help="Shield, the first is mounted; repeatable: more to order by stdin."),
+    ] = None,
+    mounting_sd_db: Annotated[float, typer.Option(help="How much two mountings of a shield differ, dB.")] = 0.0,
+    reflector: Annotated[
+        str, typer.Option(metavar="RANGE,AZIMUTH", help="Pole on the bench, m and degrees to the right; or none.")
+    ] = "0.8,30",
+    fault: Annotated[
+        list[str] | None, typer.Option(metavar="NAME[=VALUE]", help="What is wrong with it; repeatable.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of noise and faults.")] = 1,
+    truth: Annotated[Path | None, typer.Option(help="File for what it was given and did, JSON lines.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run an emulated rig until it is interrupted: same bytes as the real one, nothing measured."""
+    from bench.rig.emulate_command import run_emulator
+
+    run_emulator(port, sonar, stand, shield or [], mounting_sd_db, reflector, fault or [], seed, truth, as_json)
 
 
 @app.command("import", epilog=IMPORT_EXAMPLES)
