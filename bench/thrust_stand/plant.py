@@ -21,6 +21,7 @@ from saranga.errors import UsageError
 from sitl.airframe import load_airframe
 
 SUBSTEP_S = 0.004
+STILL_RPM = 1.0
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 PLANT_STREAM = 0x57A4D
 
@@ -131,6 +132,8 @@ class Plant:
         target = self._rpm_at(throttle, self._voltage_v)
         lag_s = motor.spin_up_s if target > before else motor.spin_down_s
         self._rpm = target + (before - target) * math.exp(-dt_s / lag_s)
+        if target == 0.0 and self._rpm < STILL_RPM:
+            self._rpm = 0.0
         rise = max(self._rpm - before, 0.0) / dt_s * RAD_S_PER_RPM
         power_w = self._power_w(self._rpm) + motor.rotor_inertia_kg_m2 * self._rpm * RAD_S_PER_RPM * rise
         self._voltage_v = min(self._sagged_v(power_w), self._steady(throttle)[1])
@@ -159,7 +162,7 @@ class Plant:
         return drive if b == 0.0 else (math.sqrt(1.0 + 4.0 * b * drive) - 1.0) / (2.0 * b)
 
     def _power_w(self, rpm: float) -> float:
-        return self.file.power.idle_w if rpm < 1.0 else _polynomial(self.file.power.w, rpm / 1e4)
+        return self.file.power.idle_w if rpm < STILL_RPM else _polynomial(self.file.power.w, rpm / 1e4)
 
     def _open_v(self) -> float:
         """Voltage of the supply, or of the pack at its charge, without load."""

@@ -51,7 +51,7 @@ def test_the_plant_at_rest_on_each_throttle_agrees_with_the_real_sweep(name: str
     thrust, rpm, volts, current = (
         np.array([getattr(s, key) for s in states]) for key in ("thrust_n", "rpm", "voltage_v", "current_a"))
     assert np.abs(thrust - sweep["thrust_n"])[free].max() < 0.05 * most_n
-    assert np.sqrt(np.mean((rpm / sweep["rpm"] - 1.0)[free] ** 2)) < 0.025
+    assert np.sqrt(np.mean((rpm[free] / sweep["rpm"][free] - 1.0) ** 2)) < 0.025
     assert np.abs(volts - sweep["voltage_v"])[free].max() < 0.1
     assert np.sqrt(np.mean((current - sweep["current_a"])[free] ** 2)) < 0.5
     assert np.abs(thrust - sweep["thrust_n"])[turning].max() < 0.2 * most_n
