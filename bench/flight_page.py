@@ -125,7 +125,7 @@ def _provenance(summary: dict[str, Any]) -> list[tuple[str, str]]:
         ("autopilot", f"{autopilot['kind']} {autopilot.get('version') or ''}".strip()),
         ("stack", found["stack"]), ("denoiser", found["denoiser"]),
         ("weights", " · ".join(filter(None, (found["weights_sha256"], found.get("runtime")))) or "none"),
-        ("shield", found["shield"]), ("sonar", found["sonar"]),
+        ("shield", found["shield"]), ("noise behind it", _noise(found.get("shield_noise"))), ("sonar", found["sonar"]),
         ("faults", ", ".join(f"{k}={v}" for k, v in (found["faults"] or {}).items()) or "none"),
         ("determinism hash", summary["metrics"]["determinism_hash"] or "none"),
         ("git", commit),
@@ -133,6 +133,18 @@ def _provenance(summary: dict[str, Any]) -> list[tuple[str, str]]:
     rows += [(f"sha256 of {name}", value) for name, value in (found.get("sha256") or {}).items()]
     rows += [(name, value) for name, value in (found.get("versions") or {}).items()]
     return [(name, str(value)) for name, value in rows]
+
+
+def _noise(said: dict[str, Any] | None) -> str:
+    """Origin of the noise behind the shield, and how far the flight went beyond what was measured."""
+    if not said:
+        return "unknown"
+    words = f"{said['origin']}: {said['source']} ({said['applied']})"
+    if said.get("cycles"):
+        low, high = said["swept_n"]
+        words += (f"; above the swept {low:.3g} to {high:.3g} N in {said['above_sweep_share']:.0%} and below in "
+                  f"{said['below_sweep_share']:.0%} of the cycles in flight")
+    return words
 
 
 def _flight(run_dir: Path, outcome: dict[str, Any]) -> dict[str, Any]:

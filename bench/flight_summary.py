@@ -225,6 +225,7 @@ def _provenance(header: dict[str, Any], trials: Sequence[dict[str, Any]]) -> dic
         "runtime": trials[-1].get("runtime") if trials else None,
         "stack": request["stack"],
         "shield": request["shield"],
+        "shield_noise": trials[-1].get("shield_noise") if trials else None,
         "sonar": request["sonar"],
         "faults": request.get("faults", {}),
         "git": header.get("git"),

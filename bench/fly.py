@@ -18,6 +18,7 @@ from bench.verdict import Limit, find_limits, load_limits
 from saranga.errors import BenchError, UsageError
 from saranga.fixtures import fixture_path
 from saranga.numba_cache import is_cold
+from sitl.acoustics.shield import shield_path
 from sitl.importers import scene_path, scene_tables
 from sitl.trial_types import TrialProgress, TrialRequest, TrialResult
 
@@ -266,6 +267,12 @@ def _header(plan: FlyPlan, run: Run) -> dict[str, Any]:
     }
 
 
+def _input_path(kind: str, item: str) -> Path:
+    if kind == "shields":
+        return shield_path(item)
+    return scene_path(item) if kind == "scenes" else fixture_path(kind, item)
+
+
 def input_hashes(request: TrialRequest, limits_file: Path | None = None) -> dict[str, str]:
     """SHA-256 of the data files the flights depend on, those that exist."""
     files = {
@@ -276,7 +283,7 @@ def input_hashes(request: TrialRequest, limits_file: Path | None = None) -> dict
     found = {}
     for name, (kind, item) in files.items():
         try:
-            found[name] = sha256_of(scene_path(item) if kind == "scenes" else fixture_path(kind, item))
+            found[name] = sha256_of(_input_path(kind, item))
         except (UsageError, OSError):  # an unknown name is reported by the trial, which knows what it needs
             continue
     if limits_file is not None:

@@ -123,6 +123,14 @@ class BarReporter:
         self._bars.stop()
 
 
+def _noise_origin(provenance: dict[str, Any]) -> str:
+    """" (noise measured: run and propeller)" where the noise behind the shield is not computed from its geometry."""
+    said = provenance.get("shield_noise") or {}
+    if said.get("origin", "simulated") == "simulated":
+        return ""
+    return f" (noise {said['origin']}: {said['source']})"
+
+
 def summary_text(summary: dict[str, Any], colour: bool) -> str:
     """The run for a person: verdict first, then why, then where to look."""
     provenance, metrics = summary["provenance"], summary["metrics"]
@@ -134,7 +142,7 @@ def summary_text(summary: dict[str, Any], colour: bool) -> str:
     lines = [
         f"{head}  {scenes}: {len(summary['outcomes'])} of {summary['trials_planned']} flights, simulated, "
         f"autopilot {kind}, stack {provenance['stack']}, denoiser {provenance['denoiser']}, "
-        f"shield {provenance['shield']}"
+        f"shield {provenance['shield']}{_noise_origin(provenance)}"
     ]
     if len(summary["outcomes"]) == 1 and verdict == Verdict.PASS:
         lines.append(f"  clean: {summary['outcomes'][0]['cause']}")

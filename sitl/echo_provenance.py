@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.echo import load_sonar
-from sitl.acoustics.shield import load_shield
+from sitl.acoustics.shield import load_shielding
 from sitl.acoustics.sonar import AcousticModel
 from sitl.acoustics.tracing import CYLINDER, DIRECT, EDGE, FACET
 from sitl.scene import Scene, build_scene, load_scene
@@ -56,7 +56,7 @@ def provenance_of(log: FlightLog, request: TrialRequest) -> EchoProvenance:
     """
     scene = build_scene(load_scene(request.scene), request.seed)
     geometry = load_sonar(request.sonar)
-    model = AcousticModel(scene.primitives, scene.weather, geometry, load_shield(request.shield), request.seed)
+    model = AcousticModel(scene.primitives, scene.weather, geometry, load_shielding(request.shield), request.seed)
     owners = owners_of(scene)
     rows = []
     for k in range(len(log.t_us)):

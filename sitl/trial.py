@@ -237,4 +237,5 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
         link_counters=companion.source.counters.__dict__.copy(), timing=timing,
         weights_sha256=weights_sha256(request.denoiser), runtime=companion.runtime,
         label=label.name, label_reason=label.reason, path_length_m=judgement.path_length_m,
-        path_excess=judgement.path_length_m / along_m if along_m > 0.5 else math.nan, log=log)
+        path_excess=judgement.path_length_m / along_m if along_m > 0.5 else math.nan,
+        shield_noise=world.acoustics.noise_provenance(), log=log)

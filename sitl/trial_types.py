@@ -260,6 +260,7 @@ def _plain(value: Any) -> Any:
 class TrialResult:
     """What happened in one flight; `cause` names in one line why it ended as it did.
 
+    `shield_noise`: where the noise behind the shield comes from (`AcousticModel.noise_provenance`).
     `label` (`sitl.causes`) says what to mend; `path_excess` is the path flown over the way made along the course.
     """
 
@@ -289,6 +290,7 @@ class TrialResult:
     label_reason: str = ""
     path_length_m: float = math.nan
     path_excess: float = math.nan
+    shield_noise: dict[str, Any] = field(default_factory=dict)
     log: FlightLog | None = None
     files: dict[str, str] = field(default_factory=dict)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from saranga.echo import SonarGeometry, load_sonar
 from saranga.errors import UsageError
-from sitl.acoustics.shield import load_shield
+from sitl.acoustics.shield import load_shielding
 from sitl.acoustics.sonar import AcousticModel
 from sitl.airframe import load_airframe
 from sitl.autopilot.base import Autopilot
@@ -65,8 +65,9 @@ class World:
         self.airframe = load_airframe()
         self.physics = Physics(self.airframe, np.asarray(scene.course.start_m, float), scene.wind, seed)
         self.sensors = FlightSensors(seed)
-        model = AcousticModel(scene.primitives, scene.weather, self.geometry, load_shield(self.shield), seed)
-        self.rig = VirtualRig(model, self.geometry)
+        shield = load_shielding(self.shield)
+        self.acoustics = AcousticModel(scene.primitives, scene.weather, self.geometry, shield, seed)
+        self.rig = VirtualRig(self.acoustics, self.geometry)
         frame = self.airframe
         self.volume = AirframeVolume(frame.wheelbase_m, frame.propeller_diameter_m, -frame.propeller_height_m,
                                      frame.body_size_m)

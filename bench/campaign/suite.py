@@ -158,6 +158,17 @@ def parse_suite(tables: dict[str, Any], path: Path) -> Suite:
     return suite
 
 
+def _exists(folder: str, name: str) -> bool:
+    from sitl.acoustics.shield import shield_path
+
+    if folder != "shields":
+        return name in fixture_names(folder) or Path(name).is_file()
+    try:
+        return shield_path(name).is_file()
+    except UsageError:
+        return False
+
+
 def _check_names(suite: Suite) -> None:
     """Everything that the rows name exists; every fault is told at once."""
     from saranga.denoise import denoiser_names
@@ -169,7 +180,7 @@ def _check_names(suite: Suite) -> None:
         request = suite.request(row, 0)
         for kind, folder, name in (("scene", "scenes", request.scene), ("shield", "shields", request.shield),
                                    ("sonar", "sonars", request.sonar)):
-            if name not in fixture_names(folder) and not Path(name).is_file():
+            if not _exists(folder, name):
                 faults.append(f"{kind} {name!r} (row {row.name})")
         for kind, name in (("denoiser", request.denoiser), ("stack", request.stack)):
             if name not in known[kind] and ":" not in name:

@@ -41,23 +41,16 @@ def anchor_rms_counts(counts_at_1m: float) -> float:
     return float(counts_at_1m * pole / plane * 10.0 ** (-ANCHOR_PSNR_DB / 20.0))
 
 
+def hub_distances_m(airframe: "Airframe", sensor_m: tuple[float, float, float]) -> NDArray[np.float64]:
+    """From each hub (4,) to a sensor: a propeller is a point at its hub, never nearer than its tip radius."""
+    distance = np.linalg.norm(np.array(airframe.motor_positions_m) - np.array(sensor_m), axis=1)
+    return np.maximum(distance, airframe.propeller_diameter_m / 2.0)
+
+
 def motor_weights(airframe: "Airframe", sensor_m: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Share (4,) of the noise power at a sensor that each motor makes at equal thrust; they sum to 1.
-
-    A propeller is a point at its hub, 1 / distance^2, never nearer than its tip radius.
-    """
-    hubs = np.array(airframe.motor_positions_m)
-    distance = np.linalg.norm(hubs - np.array(sensor_m), axis=1)
-    weight = 1.0 / np.maximum(distance, airframe.propeller_diameter_m / 2.0) ** 2
+    """Share (4,) of the noise power at a sensor that each motor makes at equal thrust, 1 / distance^2; sum 1."""
+    weight = 1.0 / hub_distances_m(airframe, sensor_m) ** 2
     return weight / weight.sum()
-
-
-def noise_power(thrust_n: NDArray[np.float64], weights: NDArray[np.float64], hover_n: float) -> float:
-    """Noise power over that of the anchor; `hover_n` is the thrust of one motor at the anchor."""
-    total = 0.0
-    for thrust, weight in zip(thrust_n.tolist(), weights.tolist(), strict=True):
-        total += weight * (max(thrust, 0.0) / hover_n) ** (2.0 * THRUST_EXPONENT)
-    return total
 
 
 def anchor_thrust_n() -> float:

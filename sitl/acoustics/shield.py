@@ -7,15 +7,19 @@ N = 2 delta / lambda, at most 24 dB, summed in power over the four edges. Throug
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saranga.errors import UsageError
-from saranga.fixtures import fixture_path, load_toml
+from saranga.fixtures import fixture_names, fixture_path, load_toml
+from sitl.acoustics.noise_model import TABLE, NoiseModel, load_noise_model, model_from_tables
 
 LARGEST_DB = 24.0
+RUN_FILES = "*noise-model*.toml"
+"""Noise models in the folder of a bench run, at any depth."""
 Limits = dict[str, dict[str, tuple[float, float] | None]]
 LIMITS: Limits = {
     "shield": {"name": None, "description": None},
@@ -44,6 +48,11 @@ class Shield:
     rise_m: float
     thickness_m: float
     density_kg_m3: float
+
+    def provenance(self) -> dict[str, Any]:
+        """What a report must say of it."""
+        return {"name": self.name, "origin": "simulated", "source": self.description,
+                "applied": "diffraction and mass law from its geometry"}
 
     @property
     def areal_mass_kg_m2(self) -> float:
@@ -105,13 +114,69 @@ def shielded_weights(shield: Shield, weights: NDArray[np.float64], hubs_m: tuple
 
 
 def load_shield(name: str) -> Shield:
-    """A shield by its name in fixtures/shields ("none", "foam"), or by path.
+    """A shield by its geometry: a name in fixtures/shields, or a path.
 
     Raises:
-        UsageError: unknown name (lists the known ones), malformed file, or a value out of its limits.
+        UsageError: as `load_shielding`, and for a file that holds a measurement and no geometry.
     """
-    path = fixture_path("shields", name)
+    shield = load_shielding(name)
+    if not isinstance(shield, Shield):
+        raise UsageError(f"shield {name!r} is a {shield.origin} noise model: here the geometry of a shield is needed; "
+                         "give a file with [shield], [panel] and [material], or one of "
+                         f"{', '.join(fixture_names('shields'))}")
+    return shield
+
+
+def load_shielding(name: str) -> Shield | NoiseModel:
+    """Read a shield: its geometry ([shield], [panel], [material]), or a bench's measurement of it ([noise_model]).
+
+    Args:
+        name: in fixtures/shields ("none", "foam"), a path of a .toml file, the folder of a bench run with one noise
+            model, or RUN:NAME where it holds several.
+
+    Raises:
+        UsageError: unknown name (lists the known ones), malformed file, a value out of its limits, a run folder without
+            a noise model, or with several of which none was chosen.
+    """
+    path = shield_path(name)
     tables = load_toml(path)
+    return model_from_tables(tables, path) if TABLE in tables else _shield_from_tables(tables, path)
+
+
+def shield_path(name: str) -> Path:
+    """The file that `load_shielding` reads.
+
+    Raises:
+        UsageError: as `load_shielding`, as far as finding goes.
+    """
+    if name in fixture_names("shields"):
+        return fixture_path("shields", name)
+    whole = Path(name).expanduser()
+    if whole.is_dir():
+        return _of_run(whole, None)
+    folder, colon, chosen = name.rpartition(":")
+    if colon and Path(folder).expanduser().is_dir():
+        return _of_run(Path(folder).expanduser(), chosen)
+    return fixture_path("shields", name)
+
+
+def _of_run(folder: Path, chosen: str | None) -> Path:
+    found = sorted(folder.rglob(RUN_FILES))
+    if not found:
+        raise UsageError(f"shield {folder}: the folder holds no noise model ({RUN_FILES}): name the folder of a "
+                         "finished sweep, or a file")
+    if chosen is None and len(found) == 1:
+        return found[0]
+    names = {load_noise_model(path).name: path for path in found}
+    if chosen is None:
+        raise UsageError(f"shield {folder}: the run holds {len(found)} noise models: choose one of "
+                         f"{', '.join(f'{folder}:{name}' for name in names)}")
+    if chosen not in names:
+        raise UsageError(f"shield {folder}: the run holds no noise model {chosen!r}: known are {', '.join(names)}")
+    return names[chosen]
+
+
+def _shield_from_tables(tables: dict[str, Any], path: Path) -> Shield:
     values: dict[str, Any] = {}
     for table, keys in LIMITS.items():
         held = tables.get(table)
@@ -124,7 +189,7 @@ def load_shield(name: str) -> Shield:
             values[key] = _value(f"{path}: {table}.{key}", held.get(key), limits)
     for table in tables:
         if table not in LIMITS:
-            raise UsageError(f"{path}: unknown table [{table}]: known are {', '.join(LIMITS)}")
+            raise UsageError(f"{path}: unknown table [{table}]: known are {', '.join(LIMITS)} or {TABLE}")
     return Shield(**values)
 
 

@@ -12,16 +12,11 @@ from saranga.pulse import pulse_peak_delay_s, pulse_sigma_s
 from sitl.acoustics.atmosphere import Air, Atmosphere, StandardAir, atmosphere
 from sitl.acoustics.beam import piston_grid
 from sitl.acoustics.edges import ready_edges
+from sitl.acoustics.noise_model import NoiseModel
 from sitl.acoustics.receiver import add_echoes, add_noise, add_ring_down, digitise, gain_counts
-from sitl.acoustics.rotor_noise import (
-    BANK_ROWS,
-    anchor_rms_counts,
-    anchor_thrust_n,
-    motor_weights,
-    noise_bank,
-    noise_power,
-)
-from sitl.acoustics.shield import Shield, shielded_weights
+from sitl.acoustics.rotor_noise import BANK_ROWS, noise_bank
+from sitl.acoustics.sensor_noise import SweptShare, bare_noise, sensor_noise
+from sitl.acoustics.shield import Shield
 from sitl.acoustics.tracing import ARRIVAL_COLUMNS, trace
 from sitl.airframe import Airframe, load_airframe
 from sitl.primitives import Primitives
@@ -39,14 +34,14 @@ class AcousticModel:
         primitives: of the scene, world NED.
         weather: temperature, humidity and pressure count; fog, snow and light do not.
         geometry: the suite.
-        shield: between propellers and sensors.
+        shield: between propellers and sensors, by its geometry or as a bench measured it.
         seed: of the noise; the noise of a cycle depends on seed, role and `t_us` alone.
         airframe: where the motors are; the default airframe if left out.
         noise_bandwidth_hz: band of the rotor noise; that of the sensor if left out (`rotor_noise.py`).
     """
 
-    def __init__(self, primitives: Primitives, weather: Air, geometry: SonarGeometry, shield: Shield, seed: int,
-                 *, airframe: Airframe | None = None, noise_bandwidth_hz: float | None = None) -> None:
+    def __init__(self, primitives: Primitives, weather: Air, geometry: SonarGeometry, shield: Shield | NoiseModel,
+                 seed: int, *, airframe: Airframe | None = None, noise_bandwidth_hz: float | None = None) -> None:
         self.primitives = primitives
         self.weather = weather
         self.geometry = geometry
@@ -57,7 +52,6 @@ class AcousticModel:
         fop = geometry.fop_hz
         self.air: Atmosphere = atmosphere(fop, weather)
         self.gain_counts = gain_counts(geometry.counts_at_1m, atmosphere(fop, StandardAir()).absorption_db_m)
-        self.hover_rms_counts = anchor_rms_counts(geometry.counts_at_1m)
         self._facets = np.ascontiguousarray(primitives.facets, dtype=np.float64)
         self._cylinders = np.ascontiguousarray(primitives.cylinders, dtype=np.float64)
         self._edges = np.ascontiguousarray(ready_edges(primitives))
@@ -68,28 +62,34 @@ class AcousticModel:
         self._sigma_s = pulse_sigma_s(geometry.bandwidth_hz)
         self._peak_s = pulse_peak_delay_s(geometry.bandwidth_hz)
         self._bank = noise_bank(geometry.samples, geometry.iq_rate_hz, noise_bandwidth_hz or geometry.bandwidth_hz)
-        self._weights = {role: self._role_weights(role) for role in geometry.roles}
+        self._hover_n = self._airframe.max_thrust_n * self._airframe.hover_throttle
+        self._noise = {role: sensor_noise(shield, self._airframe, geometry, role, self.air) for role in geometry.roles}
+        self.swept = SweptShare()
         self._floor = WEAKEST_COUNTS / self.gain_counts
         self._arrivals = np.empty((len(primitives) + 1, ARRIVAL_COLUMNS))
 
-    def _role_weights(self, role: str) -> NDArray[np.float64]:
-        sensor = self.geometry.positions_m[role]
-        return shielded_weights(self.shield, motor_weights(self._airframe, sensor), self._airframe.motor_positions_m,
-                                sensor, self.geometry.fop_hz, self.air.c_m_s, self.air.impedance_pa_s_m)
-
     def with_geometry(self, **changes: Any) -> "AcousticModel":
         """The same world heard with other sensor settings, such as `odr=4, samples=128`."""
-        return AcousticModel(self.primitives, self.weather, replace(self.geometry, **changes), self.shield, self.seed,
-                             airframe=self._airframe, noise_bandwidth_hz=self._noise_bandwidth_hz)
+        other = AcousticModel(self.primitives, self.weather, replace(self.geometry, **changes), self.shield, self.seed,
+                              airframe=self._airframe, noise_bandwidth_hz=self._noise_bandwidth_hz)
+        other.swept = self.swept
+        return other
 
-    def insertion_loss_db(self, role: str) -> float:
-        """What the shield takes from the noise at one sensor, all motors at equal thrust."""
-        return -10.0 * math.log10(float(self._weights[role].sum()))
+    def insertion_loss_db(self, role: str, thrust_n: NDArray[np.float64] | None = None) -> float:
+        """What the shield takes from the noise at one sensor, at these motor thrusts (4,) or hovering."""
+        thrust_n = np.full(4, self._hover_n) if thrust_n is None else thrust_n
+        bare = bare_noise(self._airframe, self.geometry, role).motor_power(thrust_n).sum()
+        return 10.0 * math.log10(float(bare / self._noise[role].motor_power(thrust_n).sum()))
 
     def noise_rms_counts(self, role: str, thrust_n: NDArray[np.float64]) -> float:
         """RMS |IQ| of rotor noise and quiet floor at these motor thrusts (4,)."""
-        rotor = self.hover_rms_counts**2 * noise_power(thrust_n, self._weights[role], anchor_thrust_n())
+        rotor = float(self._noise[role].motor_power(thrust_n).sum())
         return math.sqrt(rotor + self.geometry.quiet_floor_counts**2)
+
+    def noise_provenance(self) -> dict[str, Any]:
+        """Where the noise behind the shield comes from, and how far a flight went beyond what was measured."""
+        said = self.shield.provenance()
+        return said | self.swept.to_dict() if isinstance(self.shield, NoiseModel) else said
 
     def arrivals(self, role: str, pos_m: NDArray[np.float64], quat: NDArray[np.float64],
                  vel_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -119,6 +119,8 @@ class AcousticModel:
             int16, shape (samples, 2), Q first.
         """
         geometry = self.geometry
+        if isinstance(self.shield, NoiseModel):
+            self.swept.count(self.shield, thrust_n, self._hover_n)
         rotation = rotation_matrix(quat)
         draws = np.random.Philox(key=self.seed & 0xFFFFFFFFFFFFFFFF, counter=[0, NOISE_STREAM, 0, t_us]).random_raw(9)
         records = {}

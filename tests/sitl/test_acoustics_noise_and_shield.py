@@ -9,7 +9,8 @@ import pytest
 from saranga.echo import load_sonar
 from saranga.errors import UsageError
 from sitl.acoustics.atmosphere import StandardAir
-from sitl.acoustics.rotor_noise import motor_weights, noise_bank, noise_power
+from sitl.acoustics.rotor_noise import motor_weights, noise_bank
+from sitl.acoustics.sensor_noise import ComputedNoise
 from sitl.acoustics.shield import Shield, diffraction_loss_db, load_shield, transmission_loss_db
 from sitl.acoustics.sonar import AcousticModel
 from sitl.airframe import load_airframe
@@ -46,10 +47,10 @@ def test_anchor_of_the_paper_through_the_whole_model() -> None:
 
 
 def test_noise_grows_by_7_5_db_a_doubling_of_thrust() -> None:
-    one = np.array([0.25, 0.25, 0.25, 0.25])
-    assert 10 * np.log10(noise_power(2 * HOVER_N, one, HOVER_N[0])) == pytest.approx(7.53, abs=0.01)
-    assert noise_power(HOVER_N, one, HOVER_N[0]) == pytest.approx(1.0)
-    assert noise_power(np.zeros(4), one, HOVER_N[0]) == 0.0
+    four = ComputedNoise(np.full(4, 0.25))
+    assert 10 * np.log10(four.motor_power(2 * HOVER_N).sum()) == pytest.approx(7.53, abs=0.01)
+    assert four.motor_power(HOVER_N).sum() == pytest.approx(1.0)
+    assert four.motor_power(np.zeros(4)).sum() == 0.0
     loud = np.sqrt(np.mean(np.abs(noise(model(), 60, 1.2 * HOVER_N)) ** 2))
     quiet = np.sqrt(np.mean(np.abs(noise(model(), 60, 0.6 * HOVER_N)) ** 2))
     assert 20 * np.log10(loud / quiet) == pytest.approx(7.5, abs=0.25)
