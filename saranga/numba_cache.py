@@ -1,18 +1,23 @@
 """Where compiled kernels are kept.
 
 Numba notices a change in a cached function's own file, but not in a jitted function that it calls from another
-file: it would then go on running the old code. So the cache folder is named by every source file there is, and a
-change anywhere compiles anew (about half a minute, once).
+file, nor in a constant that it takes from there: it would then go on running the old code. So the cache folder is
+named by every source file that has kernels and by all that these import, and a change in any of them compiles anew
+(about a minute, once).
 """
 
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 from pathlib import Path
 
 PACKAGES = ("saranga", "sitl", "bench")
 KEPT = 6
+KERNELS = re.compile(rb"^(?:from|import) numba\b", re.MULTILINE)
+IMPORTED = re.compile(rb"^(?:from|import)\s+((?:saranga|sitl|bench)[\w.]*)(?: import (?:\(([\w\s,]*)|([\w ,]*)))?",
+                      re.MULTILINE)
 
 
 def use_own_cache() -> None:
@@ -24,10 +29,9 @@ def use_own_cache() -> None:
         return
     root = Path(__file__).resolve().parent.parent
     state = hashlib.sha256(str(root).encode())
-    for package in PACKAGES:
-        for source in sorted((root / package).rglob("*.py")):
-            stat = source.stat()
-            state.update(f"{source}:{stat.st_mtime_ns}:{stat.st_size}\n".encode())
+    for source in kernel_sources(root):
+        stat = source.stat()
+        state.update(f"{source}:{stat.st_mtime_ns}:{stat.st_size}\n".encode())
     caches = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "saranga-bench" / "numba"
     folder = caches / state.hexdigest()[:16]
     try:
@@ -39,6 +43,24 @@ def use_own_cache() -> None:
     except OSError:
         return
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def kernel_sources(root: Path) -> list[Path]:
+    """Source files under `root` that use numba, and those they import at their top, directly or not."""
+    texts = {path: path.read_bytes() for package in PACKAGES for path in (root / package).rglob("*.py")}
+    found: set[Path] = set()
+    waiting = [path for path, text in texts.items() if KERNELS.search(text)]
+    while waiting:
+        path = waiting.pop()
+        if path in found:
+            continue
+        found.add(path)
+        for module, *names in IMPORTED.findall(texts[path]):
+            base = root.joinpath(*module.decode().split("."))
+            parts = [base, *(base / name.split()[0] for name in b",".join(names).decode().split(",") if name.strip())]
+            waiting += [file for part in parts for file in (part.with_suffix(".py"), part / "__init__.py")
+                        if file in texts]
+    return sorted(found)
 
 
 def is_cold() -> bool:

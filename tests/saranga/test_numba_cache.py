@@ -1,4 +1,4 @@
-"""The cache of compiled kernels follows every source file, and never stands in the way."""
+"""The cache of compiled kernels follows the sources of the kernels, and never stands in the way."""
 
 import os
 import subprocess
@@ -26,13 +26,23 @@ def copy_of_saranga(tmp_path: Path) -> Path:
     return tmp_path / "src"
 
 
-def test_a_change_in_any_package_names_another_folder_and_no_change_the_same(tmp_path: Path) -> None:
+def test_a_change_of_a_kernel_or_of_what_it_imports_names_another_folder_and_no_other_change_does(
+    tmp_path: Path
+) -> None:
     root = copy_of_saranga(tmp_path)
-    first = cache_dir(root, tmp_path)
-    assert first.startswith(str(tmp_path / ".cache" / "saranga-bench" / "numba")) and Path(first).is_dir()
-    assert cache_dir(root, tmp_path) == first
-    (root / "sitl" / "new.py").write_text("x = 1\n")
-    assert cache_dir(root, tmp_path) != first
+    (root / "sitl" / "kernel.py").write_text("from numba import njit\n\nfrom sitl.numbers import (\n    ONE,\n)\n")
+    (root / "sitl" / "numbers.py").write_text("from saranga import units\nONE = 1\n")
+    (root / "saranga" / "units.py").write_text("M = 1\n")
+    (root / "sitl" / "other.py").write_text("# numba is not used here\n")
+    seen = [cache_dir(root, tmp_path)]
+    assert seen[0].startswith(str(tmp_path / ".cache" / "saranga-bench" / "numba")) and Path(seen[0]).is_dir()
+    (root / "sitl" / "other.py").write_text("# numba is not used here either\n")
+    assert cache_dir(root, tmp_path) == seen[0]
+    for changed in ("sitl/kernel.py", "sitl/numbers.py", "saranga/units.py"):
+        with (root / changed).open("a") as file:
+            file.write("x = 1\n")
+        seen.append(cache_dir(root, tmp_path))
+    assert len(set(seen)) == 4
 
 
 def test_the_users_own_choice_stands(tmp_path: Path) -> None:
@@ -48,6 +58,6 @@ def test_a_home_that_cannot_be_written_leaves_numbas_default(tmp_path: Path) -> 
 def test_old_folders_are_pruned(tmp_path: Path) -> None:
     root = copy_of_saranga(tmp_path)
     for number in range(9):
-        (root / "sitl" / "new.py").write_text(f"x = {'1' * number}\n")
+        (root / "sitl" / "new.py").write_text(f"import numba\nx = {'1' * number}1\n")
         cache_dir(root, tmp_path)
     assert len(list((tmp_path / ".cache" / "saranga-bench" / "numba").iterdir())) <= 6
