@@ -22,6 +22,8 @@ LIMITS: dict[str, dict[str, tuple[float, float]]] = {
     "horn": {"a_h_m": (1e-4, 0.1), "a_v_m": (1e-4, 0.1)},
     "weather": {"temperature_c": (-40.0, 60.0)},
 }
+# The same for numbers that may be left out.
+OPTIONAL: dict[str, dict[str, tuple[float, float]]] = {"receiver": {"noise_bandwidth_hz": (100.0, 50e3)}}
 CALIBRATION_LIMITS = {"delay_m": (-0.05, 0.05), "phase_rad": (-2.0 * math.pi, 2.0 * math.pi)}
 INTEGERS = {"cycle_us", "odr", "samples", "ring_down_samples"}
 TEXTS = {"name", "description", "transmitter"}
@@ -45,7 +47,9 @@ class SonarGeometry:
 
     `baseline_h_m` is left to right, `baseline_v_m` left to down (0 without such a sensor). A single sensor has the
     role "left". Counts are |IQ| of the sensor's int16 output. `counts_at_1m` is the echo of a large plane at 1 m on
-    axis, transmit/receive. `calibration` is by role; a role in it has a known phase against the left sensor.
+    axis, transmit/receive. `noise_bandwidth_hz`: band of the propellers' noise as the sensor hears it, where it is
+    known to differ from `bandwidth_hz`. `calibration` is by role; a role in it has a known phase against the left
+    sensor.
     """
 
     name: str
@@ -68,6 +72,7 @@ class SonarGeometry:
     a_v_m: float
     temperature_c: float
     calibration: dict[str, SensorCalibration] = field(default_factory=dict)
+    noise_bandwidth_hz: float | None = None
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -92,6 +97,8 @@ def load_sonar(name: str) -> SonarGeometry:
     _known_only(path, tables)
     values = {key: _number(path, tables, table, key, *limits)
               for table, keys in LIMITS.items() for key, limits in keys.items()}
+    values |= {key: _number(path, tables, table, key, *limits) for table, keys in OPTIONAL.items()
+               for key, limits in keys.items() if key in tables[table]}
     positions = {role: _position(path, tables, role) for role in ROLES if role in tables["positions_m"]}
     baseline_h, baseline_v = _baselines(path, tables, positions)
     sonar = tables["sonar"]
@@ -111,7 +118,7 @@ def load_sonar(name: str) -> SonarGeometry:
 
 
 def _known_only(path: Path, tables: dict[str, Any]) -> None:
-    known: dict[str, set[str]] = {table: set(keys) for table, keys in LIMITS.items()}
+    known: dict[str, set[str]] = {table: set(keys) | set(OPTIONAL.get(table, ())) for table, keys in LIMITS.items()}
     known["sonar"] |= TEXTS
     known["positions_m"] = set(ROLES)
     known["baselines_m"] = {"horizontal", "vertical"}

@@ -38,6 +38,7 @@ class Battery:
 class Airframe:
     """An X quad. Lengths, inertia and drag along body FRD x, y, z.
 
+    `blade_pass_modulation` is the depth by which the power of a propeller's noise swings as its blades pass.
     `rotor_drag_n_s_m` is the linear drag at hover rotor speed, `body_drag_n_s2_m2` the quadratic one.
     """
 
@@ -67,6 +68,8 @@ class Airframe:
     contact_damping_ratio: float
     friction: float
     battery: Battery
+    propeller_blades: int = 2
+    blade_pass_modulation: float = 0.0
 
     @property
     def arm_m(self) -> float:
@@ -119,6 +122,7 @@ def load_airframe(name: str = DEFAULT_AIRFRAME) -> Airframe:
 
 def _from_table(table: Mapping[str, Any]) -> Airframe:
     body, motors, drag, contact, pack = (table[k] for k in ("body", "motors", "drag", "contact", "battery"))
+    noise = table.get("noise", {})
     return Airframe(
         name=str(table["airframe"]["name"]), description=str(table["airframe"]["description"]),
         mass_kg=float(body["mass_kg"]), wheelbase_m=float(body["wheelbase_m"]),
@@ -144,7 +148,9 @@ def _from_table(table: Mapping[str, Any]) -> Airframe:
             reference_voltage_v=float(pack["reference_voltage_v"]),
             thrust_voltage_exponent=float(pack["thrust_voltage_exponent"]),
             charge=tuple(map(float, pack["charge"])),
-            cell_voltage_v=tuple(map(float, pack["cell_voltage_v"]))))
+            cell_voltage_v=tuple(map(float, pack["cell_voltage_v"]))),
+        propeller_blades=int(noise.get("propeller_blades", 2)),
+        blade_pass_modulation=float(noise.get("blade_pass_modulation", 0.0)))
 
 
 def _three(table: Mapping[str, Any], key: str) -> tuple[float, float, float]:
@@ -171,6 +177,8 @@ def _check(a: Airframe, where: str) -> None:
         ("contact.stiffness_n_m", a.contact_stiffness_n_m, 10.0, 1e5),
         ("contact.damping_ratio", a.contact_damping_ratio, 0.05, 2.0),
         ("contact.friction", a.friction, 0.0, 3.0),
+        ("noise.propeller_blades", a.propeller_blades, 1, 12),
+        ("noise.blade_pass_modulation", a.blade_pass_modulation, 0.0, 1.0),
         ("battery.cells", a.battery.cells, 1, 14),
         ("battery.capacity_ah", a.battery.capacity_ah, 0.05, 100.0),
         ("battery.resistance_ohm", a.battery.resistance_ohm, 0.0, 1.0),

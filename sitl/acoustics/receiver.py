@@ -64,6 +64,32 @@ def add_noise(record, row, start, rms, phase_rad):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
+def add_swinging_noise(record, row, start, rms, phase_rad, swing, turn_rad, swing_phase_rad):  # type: ignore[no-untyped-def]
+    """As `add_noise`, its power swinging by 1 + sum_m swing_m cos(n turn_m + phase_m): blades that pass.
+
+    Args:
+        swing: (4,) depth of each motor times its share of the power; turn_rad: (4,) a sample; swing_phase_rad: (4,).
+    """
+    n = record.shape[0]
+    motors = swing.shape[0]
+    factor = rms * complex(math.cos(phase_rad), math.sin(phase_rad))
+    hand = np.empty(motors, np.complex128)
+    step = np.empty(motors, np.complex128)
+    for m in range(motors):
+        hand[m] = swing[m] * complex(math.cos(swing_phase_rad[m]), math.sin(swing_phase_rad[m]))
+        step[m] = complex(math.cos(turn_rad[m]), math.sin(turn_rad[m]))
+    for k in range(n):
+        power = 1.0
+        for m in range(motors):
+            power += hand[m].real
+            hand[m] *= step[m]
+        j = start + k
+        if j >= n:
+            j -= n
+        record[k] += factor * math.sqrt(max(power, 0.0)) * row[j]
+
+
+@njit(cache=True)
 def add_ring_down(record, floor_counts, ring_down_samples, iq_rate_hz, bandwidth_hz):  # type: ignore[no-untyped-def]
     """The transmitter ringing out: a resonator of bandwidth B decays as exp(-pi B t), here so that it meets the
     quiet floor at `ring_down_samples`."""

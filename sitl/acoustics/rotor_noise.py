@@ -1,4 +1,4 @@
-"""Noise of the propellers in the sensor's band: how strong, how coloured.
+"""Noise of the propellers in the sensor's band: how strong, how coloured, how it swings as the blades pass.
 
 Strength: broadband p^2 ~ U_tip^5 and T ~ U_tip^2, so p_rms ~ T^1.25 at one propeller (acoustics.md, "Propeller
 noise"), summed in power over the motors, each weighted by 1 / distance^2. Anchored on the paper: unshielded, at hover
@@ -7,7 +7,11 @@ noise"), summed in power over the motors, each weighted by 1 / distance^2. Ancho
 Colour: complex Gaussian shaped by the receiver's band, the Gaussian of `saranga.pulse` (its autocorrelation is
 exp(-t^2 / (4 s^2)): 0.72 / 0.28 / 0.06 at lags of 1 to 3 samples of fop/4), and independent from cycle to cycle.
 Recordings of an ICU-30201 in flight show amplitudes correlated by 0.8 / 0.45 / 0.2 at these lags: a band of about
-2.2 kHz. The noise band is therefore a parameter; the default is the one that the paper measured.
+2.2 kHz. The noise band is therefore a parameter of the sonar (`noise_bandwidth_hz`).
+
+Swing: the intensity of high-frequency rotor noise is modulated at the blade-pass frequency (Baars et al., AIAA
+2021-0713). Each motor's power carries 1 + d cos(2 pi f t + phase), f = blades x rotor speed, T ~ speed^2; the depth d
+is a parameter of the airframe. A cycle lasts tens of blade passes, so the phase at the trigger is drawn.
 """
 
 import math
@@ -56,6 +60,12 @@ def motor_weights(airframe: "Airframe", sensor_m: tuple[float, float, float]) ->
 def anchor_thrust_n() -> float:
     """Thrust of one of four motors at the anchor."""
     return ANCHOR_MASS_KG * STANDARD_GRAVITY_M_S2 / 4.0
+
+
+def blade_pass_hz(airframe: "Airframe", thrust_n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Blade-pass frequency of each propeller at its thrust; 1.04 kHz at hover for the paper's airframe."""
+    share = np.maximum(thrust_n, 0.0) / airframe.max_thrust_n
+    return airframe.propeller_blades * airframe.full_speed_rpm / 60.0 * np.sqrt(share)
 
 
 @lru_cache(maxsize=8)

@@ -13,8 +13,8 @@ from sitl.acoustics.atmosphere import Air, Atmosphere, StandardAir, atmosphere
 from sitl.acoustics.beam import piston_grid
 from sitl.acoustics.edges import ready_edges
 from sitl.acoustics.noise_model import NoiseModel
-from sitl.acoustics.receiver import add_echoes, add_noise, add_ring_down, digitise, gain_counts
-from sitl.acoustics.rotor_noise import BANK_ROWS, noise_bank
+from sitl.acoustics.receiver import add_echoes, add_ring_down, add_swinging_noise, digitise, gain_counts
+from sitl.acoustics.rotor_noise import BANK_ROWS, blade_pass_hz, noise_bank
 from sitl.acoustics.sensor_noise import SweptShare, bare_noise, sensor_noise
 from sitl.acoustics.shield import Shield
 from sitl.acoustics.tracing import ARRIVAL_COLUMNS, trace
@@ -37,7 +37,7 @@ class AcousticModel:
         shield: between propellers and sensors, by its geometry or as a bench measured it.
         seed: of the noise; the noise of a cycle depends on seed, role and `t_us` alone.
         airframe: where the motors are; the default airframe if left out.
-        noise_bandwidth_hz: band of the rotor noise; that of the sensor if left out (`rotor_noise.py`).
+        noise_bandwidth_hz: band of the rotor noise; what the suite says if left out (`rotor_noise.py`).
     """
 
     def __init__(self, primitives: Primitives, weather: Air, geometry: SonarGeometry, shield: Shield | NoiseModel,
@@ -61,7 +61,8 @@ class AcousticModel:
         self._grid = piston_grid(2.0 * math.pi * fop / c, geometry.a_h_m, geometry.a_v_m)
         self._sigma_s = pulse_sigma_s(geometry.bandwidth_hz)
         self._peak_s = pulse_peak_delay_s(geometry.bandwidth_hz)
-        self._bank = noise_bank(geometry.samples, geometry.iq_rate_hz, noise_bandwidth_hz or geometry.bandwidth_hz)
+        self._bank = noise_bank(geometry.samples, geometry.iq_rate_hz,
+                                noise_bandwidth_hz or geometry.noise_bandwidth_hz or geometry.bandwidth_hz)
         self._hover_n = self._airframe.max_thrust_n * self._airframe.hover_throttle
         self._noise = {role: sensor_noise(shield, self._airframe, geometry, role, self.air) for role in geometry.roles}
         self.swept = SweptShare()
@@ -122,7 +123,9 @@ class AcousticModel:
         if isinstance(self.shield, NoiseModel):
             self.swept.count(self.shield, thrust_n, self._hover_n)
         rotation = rotation_matrix(quat)
-        draws = np.random.Philox(key=self.seed & 0xFFFFFFFFFFFFFFFF, counter=[0, NOISE_STREAM, 0, t_us]).random_raw(9)
+        draws = np.random.Philox(key=self.seed & 0xFFFFFFFFFFFFFFFF, counter=[0, NOISE_STREAM, 0, t_us]).random_raw(13)
+        blades = blade_pass_hz(self._airframe, thrust_n) * (2.0 * math.pi / geometry.iq_rate_hz)
+        blade_phase = draws[9:] * (2.0 * math.pi / 2.0**64)
         records = {}
         for k, role in enumerate(geometry.roles):
             record = np.zeros(geometry.samples, dtype=np.complex128)
@@ -134,8 +137,11 @@ class AcousticModel:
                     add_ring_down(record, geometry.quiet_floor_counts, geometry.ring_down_samples,
                                   geometry.iq_rate_hz, geometry.bandwidth_hz)
             row, start, phase = (int(draw) for draw in draws[3 * k:3 * k + 3])
-            add_noise(record, self._bank[row % BANK_ROWS], start % geometry.samples,
-                      self.noise_rms_counts(role, thrust_n), phase * (2.0 * math.pi / 2.0**64))
+            power = self._noise[role].motor_power(thrust_n)
+            whole = float(power.sum()) + geometry.quiet_floor_counts**2
+            add_swinging_noise(record, self._bank[row % BANK_ROWS], start % geometry.samples, math.sqrt(whole),
+                               phase * (2.0 * math.pi / 2.0**64),
+                               power * (self._airframe.blade_pass_modulation / max(whole, 1e-9)), blades, blade_phase)
             out = np.empty((geometry.samples, 2), dtype=np.int16)
             digitise(record, geometry.saturation_counts, out)
             records[role] = out

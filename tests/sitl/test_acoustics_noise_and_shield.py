@@ -9,11 +9,11 @@ import pytest
 from saranga.echo import load_sonar
 from saranga.errors import UsageError
 from sitl.acoustics.atmosphere import StandardAir
-from sitl.acoustics.rotor_noise import motor_weights, noise_bank
+from sitl.acoustics.rotor_noise import blade_pass_hz, motor_weights, noise_bank
 from sitl.acoustics.sensor_noise import ComputedNoise
 from sitl.acoustics.shield import Shield, diffraction_loss_db, load_shield, transmission_loss_db
 from sitl.acoustics.sonar import AcousticModel
-from sitl.airframe import load_airframe
+from sitl.airframe import Airframe, load_airframe
 from sitl.primitives import Primitives, cylinder_row
 
 GEOMETRY = load_sonar("pair")
@@ -22,9 +22,11 @@ STILL = (np.array([0.0, 0.0, -1.0]), np.array([1.0, 0, 0, 0]), np.zeros(3))
 WAVELENGTH = 343.0 / 53e3
 
 
-def model(shield: str | Shield = "none", primitives: Primitives | None = None, seed: int = 1) -> AcousticModel:
+def model(shield: str | Shield = "none", primitives: Primitives | None = None, seed: int = 1,
+          noise_bandwidth_hz: float | None = None, airframe: Airframe | None = None) -> AcousticModel:
     panel = load_shield(shield) if isinstance(shield, str) else shield
-    return AcousticModel(primitives or Primitives.empty(), StandardAir(), GEOMETRY, panel, seed)
+    return AcousticModel(primitives or Primitives.empty(), StandardAir(), GEOMETRY, panel, seed,
+                         noise_bandwidth_hz=noise_bandwidth_hz, airframe=airframe)
 
 
 def noise(m: AcousticModel, cycles: int, thrust_n: np.ndarray = HOVER_N) -> np.ndarray:
@@ -67,7 +69,8 @@ def test_nearer_motors_are_louder_and_sensors_mirror_each_other() -> None:
 
 
 def test_noise_is_rayleigh_and_coloured_by_the_band() -> None:
-    x = noise(model(), 1500)
+    steady = replace(load_airframe(), blade_pass_modulation=0.0)
+    x = noise(model(noise_bandwidth_hz=3980.0, airframe=steady), 1500)
     envelope = np.abs(x)
     assert envelope.mean() / np.sqrt(np.mean(envelope**2)) == pytest.approx(0.886, abs=0.004)
     # Gaussian band, -3 dB at +-1990 Hz: |R(t)| = exp(-(pi B t)^2 / (4 ln 2)); fop/4 samples are every second one here.
@@ -80,13 +83,35 @@ def test_noise_is_rayleigh_and_coloured_by_the_band() -> None:
     assert following < 0.02
 
 
-def test_a_narrower_noise_band_gives_the_colour_of_the_recordings() -> None:
+def test_noise_of_the_shipped_suites_has_the_colour_of_the_recordings() -> None:
     # ICU-30201 in flight: amplitudes correlated by about 0.8 / 0.45 / 0.2 at lags of 1 to 3 samples of fop/4.
-    m = AcousticModel(Primitives.empty(), StandardAir(), GEOMETRY, load_shield("none"), 1, noise_bandwidth_hz=2200.0)
-    envelope = np.abs(noise(m, 1000))
+    assert {load_sonar(name).noise_bandwidth_hz for name in ("pair", "triple", "batdeck")} == {2200.0}
+    envelope = np.abs(noise(model(), 1000))
     envelope -= envelope.mean()
     seen = [np.mean(envelope[:, 2 * k:] * envelope[:, :-2 * k]) / np.mean(envelope**2) for k in (1, 2, 3)]
     assert seen == pytest.approx([0.8, 0.45, 0.2], abs=0.07)
+
+
+def test_power_swings_at_the_blade_pass_and_keeps_its_mean() -> None:
+    airframe = load_airframe()
+    # Three blades at sqrt(0.3) of 38 000 rpm.
+    assert blade_pass_hz(airframe, HOVER_N) == pytest.approx(np.full(4, 3 * 38_000 / 60 * np.sqrt(0.3)), rel=1e-9)
+    # One motor alone, so that its swing stands out; depth 0.6 for a short test.
+    alone, bare = np.array([HOVER_N[0], 0, 0, 0]), replace(GEOMETRY, quiet_floor_counts=0.0, saturation_counts=30_000.0)
+    lines = {}
+    for depth in (0.0, 0.6):
+        m = AcousticModel(Primitives.empty(), StandardAir(), bare, load_shield("none"), 1, noise_bandwidth_hz=8000.0,
+                          airframe=replace(airframe, blade_pass_modulation=depth))
+        power = np.abs(noise(m, 600, alone)) ** 2
+        n = np.arange(power.shape[1])
+        turn = np.exp(-2j * np.pi * blade_pass_hz(airframe, HOVER_N)[0] / GEOMETRY.iq_rate_hz * n)
+        # The power's line at the blade pass; its phase is drawn each cycle, so squares add. White part taken off.
+        shown = power * np.hanning(n.size)
+        line, beside = (np.mean(np.abs(shown @ (turn * np.exp(2j * np.pi * k * n / n.size))) ** 2) for k in (0, 5))
+        lines[depth] = (line - beside) / (0.5 * power.mean() * n.size) ** 2, power.mean()
+    assert np.sqrt(lines[0.6][0]) * 2 == pytest.approx(0.6, abs=0.06)
+    assert abs(lines[0.0][0]) < 0.01
+    assert lines[0.6][1] == pytest.approx(lines[0.0][1], rel=0.02)
 
 
 def test_noise_depends_on_seed_role_and_time_alone() -> None:
