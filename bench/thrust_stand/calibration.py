@@ -60,8 +60,8 @@ class Calibration:
                                   "amplifier")
         values = np.array([reading.thrust_n for reading in taken])
         if values.std() > TARE_SPREAD_N:
-            raise DeviceError(f"{url}: cannot tare: thrust spreads by {values.std():.3f} N, at most "
-                              f"{TARE_SPREAD_N:g} N is a stand at rest: wait until it is, and check the load cell's wiring")
+            raise DeviceError(f"{url}: cannot tare: thrust spreads by {values.std():.3f} N, at rest at most "
+                              f"{TARE_SPREAD_N:g} N: wait until the stand is still, and check the wiring")
         self.offset_n += float(values.mean())
         return self.offset_n
 

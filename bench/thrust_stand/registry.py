@@ -101,7 +101,8 @@ def parse_url(url: str) -> tuple[Where, dict[str, Any]]:
         driver, transport = ALIASES[driver], driver
     rest, _, query = rest.partition("?")
     try:
-        options = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+        # A plus is a plus here (regular expressions have them), not a blank.
+        options = parse_qsl(query.replace("+", "%2B"), keep_blank_values=True, strict_parsing=bool(query))
         parts = urlsplit(f"x:{rest}" if transport in ("tcp", "udp") else "")
         host, port = parts.hostname or "", parts.port or 0
     except ValueError as error:
