@@ -41,6 +41,8 @@ def read_text(path: Path) -> str:
         text = data.decode(encoding)
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
+    if not text.strip():
+        raise UsageError(f"{path}: is empty: give a CSV file of a thrust stand")
     if "\0" in text:
         raise UsageError(f"{path}: holds binary data (a zero at character {text.index(chr(0))}): give the CSV file")
     return text

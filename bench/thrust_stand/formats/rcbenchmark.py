@@ -169,11 +169,14 @@ def _squared(path: Path, header: Row, body: list[Row], headings: list[Heading], 
             raise UsageError(f"{path}:{row.line}: {len(cells)} cells, but the header in line {header.line} names "
                              f"{wide} columns: the line is cut off or its separator is another one")
         beyond = next((c for c in cells[wide:] if c), None)
-        if beyond is not None:
+        # A number where text should be, and a cell too many: a comma inside a number has shifted the row.
+        shifted = free is not None and len(cells) > len(header.cells) and NUMBER.fullmatch(cells[free])
+        if beyond is not None or shifted:
             if free is None or needed > free + 1 or NUMBER.fullmatch(cells[free]):
                 raise UsageError(f"{path}:{row.line}: {len(cells)} cells, the header in line {header.line} names "
-                                 f"{wide} columns, and {beyond!r} is beyond them: is there a decimal comma, or a "
-                                 "separator inside a text? Put it in quotes, or save with another separator")
+                                 f"{wide} columns, so that {beyond or cells[free or 0]!r} is in no place: is there a "
+                                 "decimal comma, or a separator inside a text? Put it in quotes, or save with another "
+                                 "separator")
             cells, loose = cells[:free], loose + 1
         squared.append(Row(row.line, [*cells[:wide], *([""] * (wide - len(cells)))]))
     if loose:
@@ -191,10 +194,13 @@ def _column(path: Path, heading: Heading, body: list[Row], decimal_comma: bool) 
         if not cell:
             continue
         value = number(cell, decimal_comma)
+        role = heading.role
         if value is not None and np.isfinite(value):
+            if value < 0.0 and role is not None and role.dimension == "rotation":
+                raise UsageError(f"{path}:{row.line}: column {heading.name!r} is {cell!r}, below 0: a speed has no "
+                                 "direction here; correct it")
             values[k] = value
             continue
-        role = heading.role
         if role is not None and role.strict:
             raise UsageError(f"{path}:{row.line}: column {heading.name!r} is {cell!r}, not a finite number"
                              f"{_advice(cell)}; correct it, or leave the cell blank where nothing was measured")
@@ -220,11 +226,6 @@ def _quantities(found: dict[str, NDArray[np.float64]], rpm: str, path: Path,
     speeds = {name.removeprefix("rpm_"): values for name, values in found.items() if name.startswith("rpm_")}
     kept = {name: values for name, values in found.items()
             if not name.startswith("rpm_") and (name == "thrust_n" or np.isfinite(values).any())}
-    for name, values in speeds.items():
-        if (values < 0.0).any():
-            row = int(np.flatnonzero(values < 0.0)[0]) + 1
-            raise UsageError(f"{path}: row {row}: {name} rotation speed {values[row - 1]:g} rpm is below 0: a speed "
-                             "has no direction here; correct it")
     if rpm and rpm not in speeds:
         raise UsageError(f"{path}: no {rpm} rotation speed in it: there is {', '.join(speeds) or 'none'}")
     if speeds:
