@@ -4,14 +4,15 @@
 """
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bench.rig.emulate_command import make_device
-from bench.rig.emulator import EmulatedDevice
 from bench.thrust_stand.calibration import Calibration
 from bench.thrust_stand.drivers.teensy import TeensyStand
 from bench.thrust_stand.registry import Where
 from saranga.errors import DeviceError
+
+if TYPE_CHECKING:
+    from bench.rig.emulator import EmulatedDevice
 
 NAME = "emulated"
 FORMS = "emulated:[?propeller=g1&seed=1&shield=foam=6&fault=nan_stand_at_s=2]"
@@ -24,7 +25,7 @@ BACKLOG_US = 500_000
 class DeviceLink:
     """The cable to an emulated device in the same process: it lives when it is read from or written to."""
 
-    def __init__(self, url: str, device: EmulatedDevice) -> None:
+    def __init__(self, url: str, device: "EmulatedDevice") -> None:
         self.url = url
         self.device = device
         self._began_s: float | None = None
@@ -80,6 +81,8 @@ def build(where: Where, propeller: str = "g1", seed: int = 1, sonar: str = "pair
     if not isinstance(seed, int):
         raise ValueError(f"seed is {seed!r}: it must be a whole number")
     faults: list[Any] = [text for text in str(fault).split(",") if text]
+    from bench.rig.emulate_command import make_device  # Here: other drivers shall not wait for the acoustics.
+
     device = make_device(sonar, str(propeller), [shield] if shield else [], 0.0, "none", faults, seed,
                          backlog_us=BACKLOG_US)
     return TeensyStand(DeviceLink(where.url, device), Calibration(thrust_scale, thrust_sign))

@@ -18,7 +18,6 @@ from bench.thrust_stand.links import DEFAULT_BAUD, byte_link
 from bench.thrust_stand.registry import Where
 from saranga.byte_links import ByteLink
 from saranga.errors import DeviceError
-from saranga.vehicle import VehicleLink
 
 NAME = "motortest"
 FORMS = "motortest+serial:///dev/ttyACM1[?motor=1&baud=115200] or motortest+tcp://127.0.0.1:5760"
@@ -51,6 +50,8 @@ class MotorTest:
         self.url = link.url
         self._link = link
         self._motor = motor
+        from saranga.vehicle import VehicleLink  # Here: it compiles kernels, which other drivers shall not wait for.
+
         self._vehicle = VehicleLink(system_id=GROUND_STATION, component_id=mavlink.MAV_COMP_ID_MISSIONPLANNER,
                                     target_system=system, vehicle_type=mavlink.MAV_TYPE_GCS)
         self._open = False

@@ -14,8 +14,8 @@ from bench.thrust_stand.protocol import StandInfo, StandReading
 from bench.thrust_stand.registry import Where
 from saranga.byte_links import ByteLink
 from saranga.errors import DeviceError, UsageError
-from saranga.messages import FLAG_BOOT
-from saranga.wire import VERSION, Decoder, Fault, Hello, HelloRequest, LinkCounters, Stand, Throttle, encode
+from saranga.framing import VERSION, Decoder, LinkCounters, encode
+from saranga.messages import FLAG_BOOT, Fault, Hello, HelloRequest, Stand, Throttle
 
 NAME = "teensy"
 FORMS = "teensy+serial:///dev/ttyACM0[?baud=N&thrust_sign=-1&thrust_scale=F] or teensy+tcp://127.0.0.1:5555"
