@@ -44,6 +44,12 @@ def rates_figure(rows: list[dict[str, Any]]) -> str:
     return "".join([*out, "</svg>"])
 
 
+def two_rates_figure(rates: list[tuple[str, dict[str, Any]]]) -> str:
+    """Success rates with their 95 % intervals under each other."""
+    rows = [{"name": name, "paper": None, "lenient": None, "strict": rate} for name, rate in rates]
+    return rates_figure(rows)
+
+
 def against_traversability(rows: list[dict[str, Any]]) -> str:
     """Strict success rate against how far the course lets one fly; empty with fewer than two such rows."""
     known = [r for r in rows if r["traversability"] and r["strict"]["rate"] is not None]

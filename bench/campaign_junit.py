@@ -24,12 +24,24 @@ def write_campaign_junit(path: Path, summary: dict[str, Any]) -> None:
             _mark(case, trial_verdict(trial), str(trial["outcome"]), text)
         case = ET.SubElement(suite, "testcase", classname=_clean(row["name"]), name="rate")
         _mark(case, Verdict(row["verdict"]), row["verdict"], row["reason"])
-        for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
-            suite.set(name, str(len(suite.findall(f"testcase/{tag}"))))
-        suite.set("tests", str(len(suite.findall("testcase"))))
+        _count(suite)
+    screening = summary["screening"]
+    others = [("screening", "embedded against real", screening)] if screening is not None else []
+    others += [(c["name"], "comparison", c) for c in summary["comparisons"]]
+    for title, name, judged in others:
+        suite = ET.SubElement(root, "testsuite", name=_clean(title))
+        case = ET.SubElement(suite, "testcase", classname=_clean(title), name=name)
+        _mark(case, Verdict(judged["verdict"]), judged["verdict"], judged["reason"])
+        _count(suite)
     part = path.with_name(path.name + ".part")
     ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
     part.replace(path)
+
+
+def _count(suite: ET.Element) -> None:
+    for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+        suite.set(name, str(len(suite.findall(f"testcase/{tag}"))))
+    suite.set("tests", str(len(suite.findall("testcase"))))
 
 
 def _mark(case: ET.Element, verdict: Verdict, what: str, text: str) -> None:

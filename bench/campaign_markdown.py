@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from bench.campaign_table import HEAD, origin_text, row_cells, speed_text
+from bench.campaign_table import HEAD, origin_text, row_cells, screening_cells, speed_text
 from bench.flight_summary import trial_verdict
 
 MOST_FAILURES = 10
@@ -16,6 +16,11 @@ def markdown_summary(summary: dict[str, Any]) -> str:
     lines += ["| " + " | ".join(_cell(cell) for cell in row_cells(row)) + " |" for row in summary["rows"]]
     lines += ["", "`*`: the rule that decides. Intervals: Wilson, 95 %.", ""]
     lines += [f"- **{_cell(c['name'])}**: {c['verdict']}, {_cell(c['reason'])}" for c in summary["comparisons"]]
+    if summary["screening"] is not None:
+        head, *rows = screening_cells(summary["screening"])
+        lines += [f"- **screening**: {summary['screening']['verdict']}, {_cell(summary['screening']['reason'])}", "",
+                  "| " + " | ".join(head) + " |", "|" + " --- |" * len(head),
+                  *("| " + " | ".join(_cell(cell) for cell in row) + " |" for row in rows), ""]
     lines += [f"- error: {_cell(text)}" for text in summary["errors"][:MOST_FAILURES]]
     failed = [t for t in summary["outcomes"] if not trial_verdict(t).accepted]
     if failed:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.campaign_figures import against_traversability, flight_map, rates_figure
-from bench.campaign_table import origin_text, rate_text, speed_text
+from bench.campaign_table import origin_text, rate_text, screening_cells, speed_text
 from bench.drawing import OUTCOME_WORDS, Flight, outcome_colour
 from bench.flight_summary import trial_verdict
 from bench.flight_svg import echo_strip, top_view
@@ -41,7 +41,8 @@ def write_campaign_page(folder: Path) -> Path:
     return write_page_file(
         folder / PAGE_FILE, "campaign_page.html.j2", {}, summary=summary, words=WORDS[summary["verdict"]], rows=rows,
         rates=rates_figure(summary["rows"]), traversability=against_traversability(summary["rows"]),
-        speed=speed_text(summary["metrics"]), origin=origin_text(summary),
+        screening=screening_cells(summary["screening"]), speed=speed_text(summary["metrics"]),
+        origin=origin_text(summary),
         labels=Counter(t["label"] for t in failed if t.get("label")).most_common(),
         failures=[{**t, **_pictures(folder, t)} for t in drawn], failed=len(failed),
         outcome_words=OUTCOME_WORDS, outcome_colour=outcome_colour, name=folder.resolve().name)

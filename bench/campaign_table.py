@@ -30,12 +30,47 @@ def row_cells(row: dict[str, Any]) -> list[str]:
 HEAD = ["row", "paper", "ours, strict", "ours, lenient", "traversability, ours / paper", "verdict"]
 
 
+SCREENING_HEAD = ["scene", "pairs", "embedded", "real", "difference", "same success", "same outcome", "kappa",
+                  "McNemar p", "paths apart, RMS", "at most"]
+
+
+def screening_cells(screening: dict[str, Any] | None) -> list[list[str]]:
+    """Head and a line a row and one for all of them; empty where nothing was screened."""
+    if screening is None:
+        return []
+    lines = [SCREENING_HEAD]
+    for name, found in [*((row["name"], row) for row in screening["rows"]), ("all", screening["all"])]:
+        if not found["pairs"]:
+            lines.append([name, "0", *["-"] * (len(SCREENING_HEAD) - 2)])
+            continue
+        kappa, paths = found["kappa"], found["paths"]
+        low, high = found["difference"]["interval"]
+        same_low, same_high = found["agreement"]["interval"]
+        lines.append([
+            name, str(found["pairs"]), f"{100 * found['fast_rate']:.0f} %", f"{100 * found['slow_rate']:.0f} %",
+            f"{100 * found['difference']['value']:+.0f} ({100 * low:+.0f} to {100 * high:+.0f})",
+            f"{100 * found['agreement']['rate']:.0f} % ({100 * same_low:.0f} to {100 * same_high:.0f})",
+            f"{100 * found['same_outcome'] / found['pairs']:.0f} %",
+            "-" if kappa is None else "{:.2f} ({:.2f} to {:.2f})".format(kappa["value"], *kappa["interval"]),
+            f"{found['mcnemar_p']:.2g}",
+            "-" if paths is None else f"{paths['rms_m']:.2f}, {paths['rms_p90_m']:.2f} m",
+            "-" if paths is None else f"{paths['max_m']:.2f} m"])
+    return lines
+
+
+def aligned(table: list[list[str]]) -> list[str]:
+    """Lines of a table in columns."""
+    widths = [max((len(line[k]) for line in table), default=0) for k in range(len(table[0]) if table else 0)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in table]
+
+
 def table_text(summary: Summary) -> str:
     """The table, comparisons, the campaign's speed and its verdict; `*` marks the rule that decides a row."""
-    table = [HEAD, *(row_cells(row) for row in summary["rows"])]
-    widths = [max(len(line[k]) for line in table) for k in range(len(HEAD))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in table]
+    lines = aligned([HEAD, *(row_cells(row) for row in summary["rows"])])
     lines += [f"{c['name']}: {c['verdict']}, {c['reason']}" for c in summary["comparisons"]]
+    if summary["screening"] is not None:
+        lines += ["", *aligned(screening_cells(summary["screening"])),
+                  f"screening: {summary['screening']['verdict']}, {summary['screening']['reason']}"]
     lines += ["", speed_text(summary["metrics"]), origin_text(summary), f"{summary['verdict']}   {summary['run']}"]
     return "\n".join(lines)
 

@@ -85,7 +85,15 @@ def report(
     from bench.store import Run, Store, read_run, runs_root
 
     folder = Store(runs_root(out)).resolve(run)
-    if (read_run(folder) or Run(folder, {})).info.get("kind") == "campaign":
+    kind = (read_run(folder) or Run(folder, {})).info.get("kind")
+    if kind == "hardest":
+        from bench.campaign.hardest import publish_hardest
+        from bench.campaign.hardest_summary import rebuild_hardest
+
+        publish_hardest(folder, rebuild_hardest(folder), lambda line: print(line, file=sys.stderr))
+        print(folder / "report.html")
+        return
+    if kind == "campaign":
         from bench.campaign.runner import publish_campaign
         from bench.campaign.summary import rebuild_campaign
 

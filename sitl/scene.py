@@ -106,7 +106,7 @@ def build_scene(spec: SceneSpec, seed: int) -> Scene:
     broken: dict[str, int] = {}
     for attempt in range(1, TRIES + 1):
         scene = _draw(spec, seed, rng, attempt)
-        fault = _broken_rule(spec, scene)
+        fault = broken_rule(spec, scene)
         if fault is None:
             return scene
         broken[fault] = broken.get(fault, 0) + 1
@@ -131,7 +131,7 @@ def _draw(spec: SceneSpec, seed: int, rng: np.random.Generator, attempt: int) ->
         course=Course(start, course.goal_x_m, course.height_m, course.speed_m_s, course.timeout_s))
 
 
-def _broken_rule(spec: SceneSpec, scene: Scene) -> str | None:
+def broken_rule(spec: SceneSpec, scene: Scene) -> str | None:
     """The first rule this drawing breaks, or None."""
     course, solids = scene.course, scene.solids
     x, y, _ = course.start_m

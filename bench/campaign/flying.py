@@ -3,10 +3,13 @@
 So it is the same on one machine and on a cluster without a shared file system.
 """
 
+import contextlib
 import io
 import os
+import shutil
 import tempfile
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +20,17 @@ from sitl.trial_types import FlightLog, TrialRequest, TrialResult
 TRACK_EVERY = 4
 """Ticks of 62.5 ms between points of the track: 4 Hz."""
 DATAFLASH_MOST_BYTES = 32 * 2**20
+SCRATCH = "saranga-bench-trial"
+SCRATCH_OLD_S = 3600.0
 
 
 @dataclass(frozen=True)
 class Task:
-    """One flight of one row."""
+    """One flight of one row. `scene_text`: the scene itself, where a worker elsewhere would not have its file."""
 
     row: str
     request: TrialRequest
+    scene_text: str | None = None
 
     @property
     def key(self) -> tuple[str, int]:
@@ -51,18 +57,37 @@ def fly_task(task: Task) -> Flown:
     Raises:
         BenchError: the request itself is wrong; what goes wrong in flight is an outcome.
     """
-    from dataclasses import replace
-
     from sitl.trial import run_trial
 
-    with tempfile.TemporaryDirectory(prefix="saranga-bench-trial-") as folder:
-        result = run_trial(replace(task.request, workdir=Path(folder), keep_log=True))
-        scene, course = _course(task.request)
+    forget_scratch(None)
+    with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}-{os.getpid()}-") as folder:
+        request = _with_scene(task, Path(folder))
+        result = run_trial(replace(request, workdir=Path(folder), keep_log=True))
+        scene, course = _course(request)
         log = result.log
-        files = {} if result.success_strict else _evidence(task.request, result, Path(folder))
-    result.files = {}
+        files = {} if result.success_strict else _evidence(request, result, Path(folder))
+    result.files, result.scene = {}, task.request.scene
     return Flown(result.to_dict(), scene, _track(log) if log is not None else [], course, files, worker_name(),
                  _memory_mb())
+
+
+def _with_scene(task: Task, folder: Path) -> TrialRequest:
+    if task.scene_text is None:
+        return task.request
+    path = folder / "course.toml"
+    path.write_text(task.scene_text, encoding="utf-8")
+    return replace(task.request, scene=str(path))
+
+
+def forget_scratch(pid: int | None) -> None:
+    """Remove what a worker that was killed left behind: of process `pid`, or old and of any process that is gone."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{SCRATCH}-{'*' if pid is None else pid}-*"):
+        owner = folder.name.removeprefix(SCRATCH).split("-")[1]
+        with contextlib.suppress(OSError):
+            if pid is None and (Path("/proc", owner).exists()
+                                or time.time() - folder.stat().st_mtime < SCRATCH_OLD_S):
+                continue
+            shutil.rmtree(folder)
 
 
 def _course(request: TrialRequest) -> tuple[dict[str, Any], float | None]:

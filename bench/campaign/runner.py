@@ -9,17 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from bench.campaign.flying import Task
+from bench.campaign.identity import identity_of
 from bench.campaign.suite import Suite, parse_suite
 from bench.campaign.summary import rebuild_campaign
 from bench.campaign.workers import Done, Workers
+from bench.flight_summary import NOT_JUDGED
 from bench.interrupt import Interrupts
 from bench.journal import FILE_NAME, Journal, open_journal, read_journal
 from bench.provenance import git_state, versions
-from bench.store import Run, Store, write_json
-from saranga.denoise.model_file import weights_sha256
+from bench.store import Run, Store, read_run, write_json
 from saranga.errors import UsageError
 
 RUN_KIND = "campaign"
+WHAT = {"suite": "the suite", "weights": "the network's weights", "sources": "what flies (sources or fixtures)",
+        "asked": "what was asked for"}
 Say = Callable[[str], None]
 MakeWorkers = Callable[[], Workers]
 
@@ -54,7 +57,7 @@ def run_campaign(plan: Plan, store: Store, interrupts: Interrupts, say: Say,
     if resume is None:
         run = store.create(RUN_KIND, plan.suite.head.name, argv=list(plan.argv), suite=plan.suite.to_dict())
     else:
-        run = _reopen(resume, identity)
+        run = reopen(resume, RUN_KIND, identity)
     flown = _flown(run.folder) if resume else set()
     tasks = [task for task in tasks_of(plan.suite) if task.key not in flown]
     state, started = "finished", time.monotonic()
@@ -63,8 +66,9 @@ def run_campaign(plan: Plan, store: Store, interrupts: Interrupts, say: Say,
         try:
             if tasks:
                 workers = plan.make_workers()
-                journal.append("session", workers=workers.count, missing=len(tasks))
-                _fly(plan, run, journal, workers, tasks, len(flown), interrupts, say)
+                with contextlib.closing(workers):
+                    journal.append("session", workers=workers.count, missing=len(tasks))
+                    _fly(run, journal, workers, tasks, len(flown), interrupts, say)
         except UsageError:
             if not flown and not read_journal(journal.path).of("trial"):
                 store.discard(run)
@@ -84,7 +88,7 @@ def run_campaign(plan: Plan, store: Store, interrupts: Interrupts, say: Say,
     return summary
 
 
-def _fly(plan: Plan, run: Run, journal: Journal, workers: Workers, tasks: list[Task], before: int,
+def _fly(run: Run, journal: Journal, workers: Workers, tasks: list[Task], before: int,
          interrupts: Interrupts, say: Say) -> None:
     started, passed = time.monotonic(), 0
     for done_count, done in enumerate(workers.run(tasks, interrupts.asked), start=1):
@@ -101,6 +105,8 @@ def _fly(plan: Plan, run: Run, journal: Journal, workers: Workers, tasks: list[T
 def _keep(folder: Path, journal: Journal, done: Done) -> None:
     """Files first, then the record that says they are there."""
     task, flown = done.task, done.flown
+    for why in done.lost:
+        journal.append("warning", text=f"{task.row} seed {task.request.seed}: flown again, because {why}")
     stem = f"{task.row}-{task.request.seed}"
     files: dict[str, str] = {}
     if flown is None:
@@ -123,22 +129,23 @@ def _keep(folder: Path, journal: Journal, done: Done) -> None:
 
 def _identity(suite: Suite) -> dict[str, Any]:
     """What must be the same for two sessions to belong together."""
-    denoisers = sorted({suite.request(row, 0).denoiser for row in suite.rows})
-    git = git_state()
-    return {"suite": suite.to_dict(), "weights": {name: weights_sha256(name) for name in denoisers},
-            "sources": git["commit"]}
+    requests = [suite.request(row, 0) for row in suite.rows]
+    return {"suite": suite.to_dict(), **identity_of([r.denoiser for r in requests], [r.scene for r in requests])}
 
 
-def _reopen(folder: Path, identity: dict[str, Any]) -> Run:
-    from bench.store import read_run
+def reopen(folder: Path, kind: str, identity: dict[str, Any]) -> Run:
+    """A run to go on with.
 
+    Raises:
+        UsageError: it is of another kind, was begun otherwise, or flew other sources or weights.
+    """
     header = read_journal(folder / FILE_NAME).header
-    if header.get("run_kind") != RUN_KIND:
-        raise UsageError(f"--resume {folder}: that run is not a campaign")
-    for key, what in (("suite", "the suite"), ("weights", "the network's weights"), ("sources", "the sources")):
-        if header.get(key) != identity[key]:
-            raise UsageError(f"--resume {folder}: {what} changed since ({header.get(key)!s:.80} then, "
-                             f"{identity[key]!s:.80} now): start a new campaign, or go back to what was flown")
+    if header.get("run_kind") != kind:
+        raise UsageError(f"--resume {folder}: that run is not a {kind}")
+    for key, then in identity.items():
+        if header.get(key) != then:
+            raise UsageError(f"--resume {folder}: {WHAT.get(key, key)} changed since ({header.get(key)!s:.80} then, "
+                             f"{then!s:.80} now): start anew, or go back to what was flown")
     run = read_run(folder)
     if run is None:
         raise UsageError(f"--resume {folder}: its run.json cannot be read")
@@ -159,7 +166,9 @@ def suite_of(folder: Path) -> Suite:
 
 
 def _flown(folder: Path) -> set[tuple[str, int]]:
-    return {(r["row"], r["seed"]) for r in read_journal(folder / FILE_NAME).of("trial") if r.get("result") is not None}
+    """Trials that count: what broke off or was interrupted is flown again by --resume."""
+    return {(r["row"], r["seed"]) for r in read_journal(folder / FILE_NAME).of("trial")
+            if r.get("result") is not None and r["result"]["outcome"] not in NOT_JUDGED}
 
 
 def publish_campaign(folder: Path, summary: dict[str, Any], say: Say) -> None:

@@ -54,6 +54,7 @@ class Row(Table):
     denoiser: str | None = None
     shield: str | None = None
     sonar: str | None = None
+    autopilot: Literal["embedded", "arducopter"] | None = None
     paper: Paper | None = None
 
 
@@ -68,6 +69,14 @@ class Comparison(Table):
     p_below: float = Field(default=0.01, gt=0.0, lt=1.0)
 
 
+class Screening(Table):
+    """[[screening]]: two rows flown over the same seeds, of which the fast one is to stand for the slow one."""
+
+    name: str
+    fast: str
+    slow: str
+
+
 @dataclass(frozen=True)
 class Suite:
     """A checked suite; `path` is the file it came from."""
@@ -76,6 +85,7 @@ class Suite:
     head: Head
     rows: tuple[Row, ...]
     comparisons: tuple[Comparison, ...]
+    screenings: tuple[Screening, ...] = ()
 
     def request(self, row: Row, seed: int) -> TrialRequest:
         """The trial of one row and seed."""
@@ -83,7 +93,8 @@ class Suite:
 
         stack = row.stack or self.head.stack
         sonar = row.sonar or self.head.sonar or sonar_of(stack) or "pair"
-        return TrialRequest(scene=row.scene, seed=seed, autopilot=self.head.autopilot, stack=stack,
+        return TrialRequest(scene=row.scene, seed=seed, autopilot=row.autopilot or self.head.autopilot,
+                            stack=stack,
                             denoiser=row.denoiser or self.head.denoiser, shield=row.shield or self.head.shield,
                             sonar=sonar)
 
@@ -109,17 +120,20 @@ class Suite:
         if trials is not None:
             values["trials"] = trials
             kept = tuple(row.model_copy(update={"trials": None}) for row in kept)
-        if "denoiser" in values:
-            kept = tuple(row.model_copy(update={"denoiser": None}) for row in kept)
+        for key in ("denoiser", "autopilot"):
+            if key in values:
+                kept = tuple(row.model_copy(update={key: None}) for row in kept)
         names = {row.name for row in kept}
         return replace(self, rows=kept,
                        head=validate(Head, {**self.head.model_dump(), **values}, f"{self.path}: [suite]"),
-                       comparisons=tuple(c for c in self.comparisons if {c.a, c.b} <= names))
+                       comparisons=tuple(c for c in self.comparisons if {c.a, c.b} <= names),
+                       screenings=tuple(c for c in self.screenings if {c.fast, c.slow} <= names))
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready; `parse_suite` reads it again."""
         return {"suite": self.head.model_dump(), "row": [r.model_dump(exclude_none=True) for r in self.rows],
-                "comparison": [c.model_dump() for c in self.comparisons]}
+                "comparison": [c.model_dump() for c in self.comparisons],
+                "screening": [c.model_dump() for c in self.screenings]}
 
 
 def load_suite(name: str) -> Suite:
@@ -136,24 +150,28 @@ def load_suite(name: str) -> Suite:
 def parse_suite(tables: dict[str, Any], path: Path) -> Suite:
     """Check tables as read from TOML; see `load_suite`."""
     for key in tables:
-        if key not in ("suite", "row", "comparison"):
-            raise UsageError(f"{path}: unknown table [{key}]: known are [suite], [[row]], [[comparison]]")
+        if key not in ("suite", "row", "comparison", "screening"):
+            raise UsageError(f"{path}: unknown table [{key}]: known are [suite], [[row]], [[comparison]], "
+                             "[[screening]]")
     head = validate(Head, tables.get("suite"), f"{path}: [suite]")
     rows = tuple(validate(Row, table, f"{path}: [[row]] {k}") for k, table in enumerate(tables.get("row") or [], 1))
     comparisons = tuple(validate(Comparison, table, f"{path}: [[comparison]] {k}")
                         for k, table in enumerate(tables.get("comparison") or [], 1))
+    screenings = tuple(validate(Screening, table, f"{path}: [[screening]] {k}")
+                       for k, table in enumerate(tables.get("screening") or [], 1))
     names = [row.name for row in rows]
     if not rows:
         raise UsageError(f"{path}: has no [[row]]: a campaign without rows would prove nothing")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UsageError(f"{path}: rows {', '.join(twice)} are given twice: names must differ")
-    for comparison in comparisons:
-        for name in (comparison.a, comparison.b):
-            if name not in names:
-                raise UsageError(f"{path}: comparison {comparison.name!r} names row {name!r}, which is not there: "
-                                 f"rows are {', '.join(names)}")
-    suite = Suite(path, head, rows, comparisons)
+    asked = [("comparison", c.name, name) for c in comparisons for name in (c.a, c.b)]
+    asked += [("screening", c.name, name) for c in screenings for name in (c.fast, c.slow)]
+    for kind, title, name in asked:
+        if name not in names:
+            raise UsageError(f"{path}: {kind} {title!r} names row {name!r}, which is not there: rows are "
+                             f"{', '.join(names)}")
+    suite = Suite(path, head, rows, comparisons, screenings)
     _check_names(suite)
     return suite
 

@@ -1,10 +1,12 @@
 """The table of a campaign, from its journal alone."""
 
 from collections import Counter
+from datetime import datetime
 from pathlib import Path
 from statistics import mean, median, pstdev
 from typing import Any
 
+from bench.campaign.screening import screening_of
 from bench.flight_summary import NOT_JUDGED, replay_command, trial_verdict
 from bench.journal import FILE_NAME, Records, read_journal
 from bench.paper_verdict import paper_verdict
@@ -28,14 +30,14 @@ def rebuild_campaign(folder: Path) -> dict[str, Any]:
     Raises:
         UsageError: no readable journal of a campaign.
     """
-    summary = summarise_campaign(read_journal(folder / FILE_NAME))
+    summary = summarise_campaign(read_journal(folder / FILE_NAME), folder)
     summary["run"] = str(folder)
     write_json(folder / SUMMARY_FILE, summary)
     return summary
 
 
-def summarise_campaign(journal: Records) -> dict[str, Any]:
-    """See `rebuild_campaign`; a trial flown twice counts as it ended last."""
+def summarise_campaign(journal: Records, folder: Path | None = None) -> dict[str, Any]:
+    """See `rebuild_campaign`; a trial flown twice counts as it ended last. `folder` holds the tracks."""
     header = journal.header
     if header.get("run_kind") != "campaign":
         raise UsageError("that journal is not one of a campaign")
@@ -45,6 +47,8 @@ def summarise_campaign(journal: Records) -> dict[str, Any]:
     outcomes = [_outcome(r) for _, r in sorted(last.items(), key=lambda item: (order.get(item[0][0], 99), item[0][1]))]
     rows = [_row(row, suite["suite"], [t for t in outcomes if t["row"] == row["name"]]) for row in suite["row"]]
     comparisons = [_comparison(c, outcomes) for c in suite.get("comparison", [])]
+    rules = {row["name"]: row.get("rule", "strict") for row in suite["row"]}
+    screening = screening_of(suite.get("screening", []), rules, outcomes, folder)
     errors = [r["error"] for r in journal.of("error")]
     errors += [f"{t['row']} seed {t['seed']}: {t['cause']}" for t in outcomes if t["outcome"] == "infrastructure"]
     if journal.damaged_lines:
@@ -52,6 +56,8 @@ def summarise_campaign(journal: Records) -> dict[str, Any]:
     planned = sum(row["planned"] for row in rows)
     interrupted = journal.end is None or journal.end["state"] == "interrupted" or len(outcomes) < planned
     parts = [Verdict(row["verdict"]) for row in rows] + [Verdict(c["verdict"]) for c in comparisons]
+    if screening is not None:
+        parts.append(Verdict(screening["verdict"]))
     if interrupted:
         parts.append(Verdict.INCONCLUSIVE)
     if errors:
@@ -60,7 +66,7 @@ def summarise_campaign(journal: Records) -> dict[str, Any]:
         "verdict": worst(parts).value, "suite": {k: suite["suite"][k] for k in ("name", "description")}, "rows": rows,
         "comparisons": comparisons, "outcomes": outcomes, "metrics": _metrics(journal, outcomes, rows, planned),
         "provenance": _provenance(header, outcomes), "run": header.get("run"), "interrupted": interrupted,
-        "errors": errors, "warnings": [r["text"] for r in journal.of("warning")], "screening": None, "hardest": None,
+        "errors": errors, "warnings": [r["text"] for r in journal.of("warning")], "screening": screening,
     }
 
 
@@ -144,9 +150,7 @@ def _comparison(comparison: dict[str, Any], outcomes: list[Trial]) -> dict[str, 
 def _metrics(journal: Records, outcomes: list[Trial], rows: list[dict[str, Any]], planned: int) -> dict[str, Any]:
     judged = [t for t in outcomes if t["outcome"] not in NOT_JUDGED]
     lenient = _rate(judged, "success_lenient")
-    wall_s = sum(r.get("wall_s", 0.0) for r in journal.of("end"))
-    if not wall_s:  # killed: from the flights themselves
-        wall_s = sum(_numbers(outcomes, "wall_s"))
+    wall_s = _wall_s(journal)
     sessions = journal.of("session")
     workers = sessions[-1]["workers"] if sessions else None
     needed = [row["trials_needed"] for row in rows if row["trials_needed"]]
@@ -160,6 +164,18 @@ def _metrics(journal: Records, outcomes: list[Trial], rows: list[dict[str, Any]]
         "memory_mb_per_worker": max(memory, default=None), "determinism_hash": _joint_hash(outcomes),
         "trials_needed": sum(needed) if needed else None,
     }
+
+
+def _wall_s(journal: Records) -> float:
+    """Time in which trials were flown: of every session, killed or not, from its start to its last record."""
+    total, began, last = 0.0, None, 0.0
+    for record in journal.records:
+        now = datetime.fromisoformat(record["utc"]).timestamp()
+        if record["kind"] == "session":
+            total += last - began if began is not None else 0.0
+            began = now
+        last = now
+    return total + (last - began if began is not None else 0.0)
 
 
 def _provenance(header: dict[str, Any], outcomes: list[Trial]) -> dict[str, Any]:
