@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench import campaign_cli, rig_cli, runs_cli, sitl_cli, stand_cli
+from bench import campaign_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
 from saranga.errors import BenchError
 
 EXIT_CODES = "Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted."
@@ -26,6 +26,7 @@ app.add_typer(sitl_cli.app, name="sitl")
 app.add_typer(stand_cli.app, name="stand")
 runs_cli.add_commands(app)
 app.command(epilog=campaign_cli.EXAMPLES)(campaign_cli.campaign)
+sweep_cli.add_commands(app)
 
 FLY_EXAMPLES = f"""\b
 Examples:

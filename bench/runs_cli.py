@@ -100,6 +100,11 @@ def report(
         publish_campaign(folder, rebuild_campaign(folder), lambda line: print(line, file=sys.stderr))
         print(folder / "report.html")
         return
+    if (read_run(folder) or Run(folder, {})).info.get("kind") == "sweep":
+        from bench.procedures.sweep_page import write_sweep_page
+
+        print(write_sweep_page(folder))
+        return
     rebuild(folder)
     print(write_page(folder))
 
