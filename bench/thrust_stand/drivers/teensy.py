@@ -55,6 +55,7 @@ class TeensyStand:
         self._hello: Hello | None = None
         self._last: StandReading | None = None
         self._open = False
+        self._ready = False
         self._spun = False
 
     @property
@@ -79,6 +80,7 @@ class TeensyStand:
             self.close()
             raise
         assert self._last is not None
+        self._ready = True
         measured = frozenset(name for name in FIELDS if math.isfinite(getattr(self._last, name)))
         return StandInfo(name="Teensy stand", firmware=hello.firmware, quantities=measured,
                          origin="emulated" if "emulated" in hello.firmware.lower().split() else "measured",
@@ -88,7 +90,7 @@ class TeensyStand:
         """Idle the throttle if it was ever used, and let go. Never raises."""
         if not self._open:
             return
-        self._open = False
+        self._open = self._ready = False
         try:
             if self._spun:
                 self.link.write(encode(Throttle(value=0.0, token=0, deadline_ms=1)))
@@ -192,7 +194,7 @@ class TeensyStand:
                 self._last = self._reading(message, now_s)
                 self._waiting.append(self._last)
             elif isinstance(message, Hello):
-                restarted = self._last is not None and message.flags & FLAG_BOOT
+                restarted = self._ready and message.flags & FLAG_BOOT
                 self._hello = message
                 if restarted:
                     raise DeviceError(f"{self.url}: the device has restarted by itself: check its supply, and "
