@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from bench import campaign_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
+from bench.supervisor import cli as supervisor_cli
 from saranga.errors import BenchError
 
 EXIT_CODES = "Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted."
@@ -23,6 +24,7 @@ app = typer.Typer(
 )
 app.add_typer(rig_cli.app, name="rig")
 app.add_typer(sitl_cli.app, name="sitl")
+app.add_typer(supervisor_cli.app, name="supervisor")
 app.add_typer(stand_cli.app, name="stand")
 runs_cli.add_commands(app)
 app.command(epilog=campaign_cli.EXAMPLES)(campaign_cli.campaign)

@@ -1,5 +1,7 @@
 """What the kill matrix needs around a run: an emulated device as a process, and a probe of how busy the machine is."""
 
+import contextlib
+import os
 import select
 import subprocess
 import sys
@@ -11,8 +13,17 @@ from types import TracebackType
 from saranga.errors import DeviceError
 from sitl.process import die_with_parent
 
-START_TIMEOUT_S = 60.0
+START_TIMEOUT_S = 240.0
+"""The first start after a change of the sources compiles."""
 PROBE_SLEEP_S = 0.002
+
+
+def go_first(pid: int) -> bool:
+    """Real-time scheduling for a process whose times are measured; whether that was allowed."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setscheduler(pid, os.SCHED_RR, os.sched_param(1))
+        return True
+    return False
 
 
 class EmulatedProcess:
@@ -32,6 +43,7 @@ class EmulatedProcess:
             self.close()
             raise DeviceError(f"the emulated device did not come up: {(folder / f'{name}.err').read_text()[-500:]}")
         self.rig_url = line
+        go_first(self._process.pid)  # a real device does not wait for this computer either
 
     @property
     def stand_url(self) -> str:
@@ -56,6 +68,29 @@ class EmulatedProcess:
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
+
+
+class Bay:
+    """An emulated device, used by one cell after the other; a second one where a rig with its own port is wanted."""
+
+    def __init__(self, folder: Path, stand: str) -> None:
+        self._folder = folder
+        self._stand = stand
+        folder.mkdir(parents=True)
+        self.device = EmulatedProcess(folder, "device", stand)
+        self._rig: EmulatedProcess | None = None
+
+    def own_rig(self) -> EmulatedProcess:
+        """Started when first wanted."""
+        if self._rig is None:
+            self._rig = EmulatedProcess(self._folder, "rig", None)
+        return self._rig
+
+    def close(self) -> None:
+        """Switch all off."""
+        self.device.close()
+        if self._rig is not None:
+            self._rig.close()
 
 
 class StarvationProbe:

@@ -12,18 +12,20 @@ import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import psutil
 
-from bench.journal import FILE_NAME, Records, read_journal
+from bench.journal import read_journal
 from bench.supervisor.causes import CAUSES, Cause, Stage
-from bench.supervisor.control import Control
+from bench.supervisor.control import last_words, read_outcome, run_has_devices, start_control, steps_said
+from bench.supervisor.control_process import STEPS, THROTTLE, run_folder
 from bench.supervisor.device_log import DeviceLog, phase
-from bench.supervisor.emulated import EmulatedProcess, StarvationProbe
+from bench.supervisor.emulated import Bay, StarvationProbe, go_first
 from bench.supervisor.latches import all_latches
 from bench.supervisor.log import FILE_NAME as SUPERVISOR_LOG
 from bench.verdict import Verdict
@@ -43,6 +45,8 @@ LONGEST_WATCH_S = 3.0
 PHASE_TIMEOUT_S = 60.0
 EXIT_TIMEOUT_S = 30.0
 FAILED = math.inf
+STAND = "f4"
+STARVATION_TRIPS = {"held-up", "control", "unconfirmed", "readback"}
 
 
 @dataclass
@@ -59,7 +63,11 @@ class Cell:
     steps_kept: int = 0
     control_exit: int | None = None
     verdict_of_run: str | None = None
+    began_s: float = math.nan
+    """When the phase was there, monotonic."""
     resumed: bool = False
+    starved: bool = False
+    """Trips that only a machine too busy to run the processes can explain."""
     faults: list[str] = field(default_factory=list)
 
     @property
@@ -67,6 +75,8 @@ class Cell:
         """PASS only when everything held."""
         if self.faults:
             return Verdict.FAIL
+        if self.starved:
+            return Verdict.INCONCLUSIVE
         slow = self.ms_to_idle > LIMIT_MS or (self.dead_man_ms or 0.0) > DEAD_MAN_MS + 5.0
         if slow:
             return Verdict.INCONCLUSIVE if self.late_ms > STARVED_MS and self.ms_to_idle < FAILED else Verdict.FAIL
@@ -78,6 +88,8 @@ class Cell:
         if self.faults:
             return "; ".join(self.faults)
         took = f"{self.ms_to_idle:.0f} ms to idle, limit {LIMIT_MS:.0f} ms"
+        if self.starved:
+            return f"{took}, but the machine was too busy: a loop that must run every 100 ms did not"
         if self.verdict is Verdict.INCONCLUSIVE:
             return f"{took}, but the machine was busy: a process woke {self.late_ms:.0f} ms late"
         return took
@@ -85,16 +97,16 @@ class Cell:
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         ms = self.ms_to_idle if math.isfinite(self.ms_to_idle) else None
-        return {**vars(self), "ms_to_idle": ms, "verdict": self.verdict.value, "why": self.why, "origin": "emulated"}
+        kept = {k: v for k, v in vars(self).items() if k != "began_s"}
+        return {**kept, "ms_to_idle": ms, "verdict": self.verdict.value, "why": self.why, "origin": "emulated"}
 
 
-def run_cell(cause_name: str, phase_name: str, folder: Path, control: Control, stand: str) -> Cell:
+def run_cell(cause_name: str, phase_name: str, folder: Path, bay: Bay) -> Cell:
     """Start everything, cut it off in that phase, look, resume. Leaves no process behind.
 
     Args:
         folder: new and empty; keeps the journal, the device's log and everybody's output.
-        control: how the control process is started.
-        stand: the emulated stand's name.
+        bay: the emulated devices to use.
 
     Raises:
         UsageError: an unknown cause or phase. DeviceError: something did not even come up.
@@ -103,65 +115,83 @@ def run_cell(cause_name: str, phase_name: str, folder: Path, control: Control, s
         raise UsageError(f"kill matrix: {cause_name!r} in {phase_name!r}: causes are {', '.join(CAUSES)}; phases are "
                          f"{', '.join(PHASES)}")
     cause, cell = CAUSES[cause_name], Cell(cause_name, phase_name)
-    with ExitStack() as stack:
-        device = stack.enter_context(closing(EmulatedProcess(folder, "device", stand)))
-        rig = stack.enter_context(closing(EmulatedProcess(folder, "rig", None))) if cause.own_rig else None
-        rig_url = rig.rig_url if rig is not None else None
-        process = stack.enter_context(_ended(control.start(folder, device.stand_url, rig_url, cause.under_pytest)))
-        log = DeviceLog(device.truth)
-        _await_phase(log, phase_name, control, folder, process)
+    device, rig = bay.device, bay.own_rig() if cause.own_rig else None
+    rig_url = rig.rig_url if rig is not None else None
+    log = DeviceLog(device.truth, _offset=device.truth.stat().st_size)
+    with _ended(start_control(folder, device.stand_url, rig_url, cause.under_pytest)) as process:
+        _await_phase(log, phase_name, folder, process)
+        cell.began_s = time.monotonic()
         stage = Stage(process.pid, _supervisor_pid(folder), device, rig)
-        _cut_off(cell, cause, stage, log)
-        kept = control.steps_said(folder)
-        cause.mend(stage)
-        _look_at_what_is_left(cell, cause, process, folder, kept)
-        log.read()
-        if log.idle_since_s() is None:
-            cell.faults.append("the throttle came up again after the run was cut off")
-        _gone(cell, stage.supervisor_pid)
-        _clear_by_the_operator(cell, cause, folder)
-        again = stack.enter_context(_ended(control.start(folder, device.stand_url, rig_url, False)))
-        _resume(cell, control, again, folder)
+        with ExitStack() as mended:
+            mended.callback(cause.mend, stage)
+            _cut_off(cell, cause, stage, log)
+            said = steps_said(folder)
+        _look_at_what_is_left(cell, process, folder, said)
+    log.read()
+    if log.idle_since_s() is None:
+        cell.faults.append("the throttle came up again after the run was cut off")
+    _gone(cell, stage.supervisor_pid)
+    _judge_the_supervisors_log(cell, cause, folder)
+    with _ended(start_control(folder, device.stand_url, rig_url, False)) as again:
+        _resume(cell, again, folder)
     return cell
 
 
-def run_matrix(cells: Iterable[tuple[str, str]], folder: Path, control: Control, stand: str, jobs: int = 2,
+def run_matrix(cells: Iterable[tuple[str, str]], folder: Path, stand: str = STAND, jobs: int = 2,
                tell: Callable[[Cell], None] = lambda cell: None) -> list[Cell]:
-    """Several cells, `jobs` at a time. A cell that the machine was too busy for gets one more try, alone."""
+    """Several cells, `jobs` at a time. A cell that the machine was too busy for gets one more try, alone.
+
+    Args:
+        folder: new; a subfolder a cell.
+        stand: name of an emulated motor and propeller in fixtures/thrust.
+
+    Raises:
+        DeviceError: the emulated devices do not come up.
+    """
     wanted = list(cells)
+    bays: SimpleQueue[Bay] = SimpleQueue()
 
     def one(number: int, attempt: int) -> Cell:
         cause, phase_name = wanted[number]
         place = folder / f"{number:02d}-{cause}-{phase_name}-{attempt}".replace(" ", "-")
         place.mkdir(parents=True)
+        bay = bays.get()
         try:
-            cell = run_cell(cause, phase_name, place, control, stand)
+            cell = run_cell(cause, phase_name, place, bay)
         except BenchError as error:
             cell = Cell(cause, phase_name, faults=[str(error)])
+        finally:
+            bays.put(bay)
+        tell(cell)
         return cell
 
-    with ThreadPoolExecutor(max(1, jobs)) as pool:
-        found = list(pool.map(lambda n: one(n, 1), range(len(wanted))))
-    for number, cell in enumerate(found):
-        if cell.verdict is Verdict.INCONCLUSIVE:
-            found[number] = one(number, 2)
-        tell(found[number])
-    return found
+    with ExitStack() as stack:
+        for number in range(max(1, min(jobs, len(wanted)))):  # one by one: the first may have to compile
+            bay = Bay(folder / f"bay-{number}", stand)
+            stack.callback(bay.close)
+            bays.put(bay)
+        with ThreadPoolExecutor(bays.qsize()) as pool:
+            found = list(pool.map(lambda n: one(n, 1), range(len(wanted))))
+        return [one(n, 2) if cell.verdict is Verdict.INCONCLUSIVE else cell for n, cell in enumerate(found)]
 
 
 # ---- one cell, step by step --------------------------------------------------------------------------
-def _await_phase(log: DeviceLog, wanted: str, control: Control, folder: Path,
-                 process: "subprocess.Popen[bytes]") -> None:
+def _await_phase(log: DeviceLog, wanted: str, folder: Path, process: "subprocess.Popen[bytes]") -> None:
     """Until a step is in the journal and the device is in the phase."""
+    begun = first = False
     end_s = time.monotonic() + PHASE_TIMEOUT_S
     while time.monotonic() < end_s:
         if process.poll() is not None:
-            raise DeviceError(f"the control process ended by itself with {process.returncode}: {control.said(folder)}")
+            raise DeviceError(f"the control process ended by itself with {process.returncode}: {last_words(folder)}")
         log.read()
-        if control.steps_said(folder) and phase(log, control.full_throttle) == wanted:
+        begun = begun or bool(steps_said(folder))
+        if begun and not first:
+            go_first(process.pid)  # what else runs on this machine shall not enter
+            first = True
+        if begun and phase(log, THROTTLE) == wanted:
             return
         time.sleep(0.004)
-    raise DeviceError(f"phase {wanted} was not seen within {PHASE_TIMEOUT_S:g} s: {control.said(folder)}")
+    raise DeviceError(f"phase {wanted} was not seen within {PHASE_TIMEOUT_S:g} s: {last_words(folder)}")
 
 
 def _cut_off(cell: Cell, cause: Cause, stage: Stage, log: DeviceLog) -> None:
@@ -183,27 +213,21 @@ def _cut_off(cell: Cell, cause: Cause, stage: Stage, log: DeviceLog) -> None:
         cell.late_ms = probe.worst_ms(began_s - 0.02, began_s + max(0.3, cell.ms_to_idle / 1e3))
 
 
-def _look_at_what_is_left(cell: Cell, cause: Cause, process: "subprocess.Popen[bytes]", folder: Path, kept: set[int]
-                          ) -> None:
+def _look_at_what_is_left(cell: Cell, process: "subprocess.Popen[bytes]", folder: Path, said: set[int]) -> None:
     try:
         cell.control_exit = process.wait(EXIT_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         cell.faults.append(f"the control process did not end within {EXIT_TIMEOUT_S:g} s")
     if cell.control_exit == 0:
         cell.faults.append("the control process ended with 0, as if all were well")
-    try:
-        records = read_journal(folder / FILE_NAME)
-    except BenchError as error:
-        cell.faults.append(str(error))
-        return
-    steps = _steps(records)
-    cell.steps_kept = len(steps)
-    lost = kept - set(steps)
-    if lost or records.damaged_lines:
-        cell.faults.append(f"journal: finished steps {sorted(lost)} lost, damaged lines {records.damaged_lines}")
-    cell.verdict_of_run = str(records.end["verdict"]) if records.end else None
-    if cell.verdict_of_run in ("PASS", "MARGINAL"):
-        cell.faults.append("the run that was cut off says PASS")
+    outcome = read_outcome(folder)
+    cell.steps_kept, cell.verdict_of_run = len(outcome.steps), outcome.verdict
+    lost = said - set(outcome.steps)
+    if outcome.error or lost or outcome.damaged_lines:
+        cell.faults.append(f"record: {outcome.error or ''} finished steps lost: {sorted(lost)}, damaged lines: "
+                           f"{outcome.damaged_lines}")
+    if outcome.verdict in ("PASS", "MARGINAL"):
+        cell.faults.append(f"the run that was cut off says {outcome.verdict}")
 
 
 def _gone(cell: Cell, pid: int) -> None:
@@ -217,34 +241,49 @@ def _gone(cell: Cell, pid: int) -> None:
     cell.faults.append("the supervisor is still there 5 s after the run ended")
 
 
-def _clear_by_the_operator(cell: Cell, cause: Cause, folder: Path) -> None:
-    latched = all_latches(folder)
-    if bool(latched) != cause.latches:
-        trips = [t.name for _, found in latched.values() for t in found]
-        cell.faults.append(f"latched trips {trips}, expected {'some' if cause.latches else 'none'}")
+def _judge_the_supervisors_log(cell: Cell, cause: Cause, folder: Path) -> None:
+    """Trips are latched where they must be and nowhere else; then the operator clears them."""
+    run = run_folder(folder)
+    assert run is not None
+    records = read_journal(run / SUPERVISOR_LOG)
+    if records.end is not None:
+        cell.late_ms = max(cell.late_ms, float(records.end["overslept_ms"]))
+    if [t for t in records.of("trip") if t["monotonic_s"] < cell.began_s]:
+        cell.starved = True  # it had been cut off already, by a loop that did not get the processor
+    latched = all_latches(run)
+    names = [t.name for _, found in latched.values() for t in found]
+    if bool(names) != cause.latches:
+        if cell.late_ms > STARVED_MS and set(names) <= STARVATION_TRIPS:
+            cell.starved = True
+        elif not cell.starved:
+            cell.faults.append(f"latched trips {names}, expected {'some' if cause.latches else 'none'}")
     for path in latched:
         path.unlink()
 
 
-def _resume(cell: Cell, control: Control, process: "subprocess.Popen[bytes]", folder: Path) -> None:
+def _resume(cell: Cell, process: "subprocess.Popen[bytes]", folder: Path) -> None:
+    end_s = time.monotonic() + PHASE_TIMEOUT_S
+    while process.poll() is None and time.monotonic() < end_s and not run_has_devices(folder, 2):
+        time.sleep(0.02)
+    go_first(process.pid)
     try:
         code: int | None = process.wait(PHASE_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         code = None
-    records = read_journal(folder / FILE_NAME)
-    verdict = records.end["verdict"] if records.end else None
-    cell.resumed = code == 0 and verdict == "PASS" and _steps(records) == list(range(control.steps))
-    if not cell.resumed:
-        cell.faults.append(f"resumed: exit {code}, verdict {verdict}, steps {_steps(records)} of {control.steps}: "
-                           f"{control.said(folder)}")
-
-
-def _steps(records: Records) -> list[int]:
-    return [r["step"] for r in records.of("step")]
+    outcome = read_outcome(folder)
+    cell.resumed = outcome.state == "finished" and outcome.steps == list(range(STEPS))
+    run = run_folder(folder)
+    tripped = {t.name for _, found in all_latches(run).values() for t in found} if run is not None else set()
+    if not cell.resumed and tripped and tripped <= STARVATION_TRIPS:
+        cell.starved = True  # the resumed run was cut off too, by a loop that did not get the processor
+    elif not cell.resumed:
+        cell.faults.append(f"resumed: exit {code}, {outcome}: {last_words(folder)}")
 
 
 def _supervisor_pid(folder: Path) -> int:
-    return int(read_journal(folder / SUPERVISOR_LOG).of("start")[-1]["pid"])
+    run = run_folder(folder)
+    assert run is not None
+    return int(read_journal(run / SUPERVISOR_LOG).of("start")[-1]["pid"])
 
 
 @contextmanager
