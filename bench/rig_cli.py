@@ -1,6 +1,7 @@
 """`saranga-bench rig`: the sonar rig, its recordings, and an emulated one."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -65,6 +66,114 @@ def emulate(
     from bench.rig.emulate_command import run_emulator
 
     run_emulator(port, sonar, stand, shield or [], mounting_sd_db, reflector, fault or [], seed, truth, as_json)
+
+
+CHECK_EXAMPLES = """\b
+Put a pole (a bottle does) 0.4 to 1.2 m ahead and 20 to 45 degrees to the right, in a silent
+room, propellers still. Then:
+  saranga-bench rig check serial:///dev/ttyACM0
+  saranga-bench rig check serial:///dev/ttyACM0 --reflector none --json
+      without a pole; whether left is left then stays open
+  saranga-bench rig check tcp://127.0.0.1:5555 --range 0.8 --temperature 23
+
+Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted.
+"""
+
+
+@app.command(epilog=CHECK_EXAMPLES)
+def check(
+    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N] or tcp://host:port.")],
+    seconds: Annotated[float, typer.Option(help="Of both runs together.")] = 10.0,
+    rate: Annotated[float, typer.Option(help="Triggers a second, Hz.")] = 50.0,
+    sonar: Annotated[str, typer.Option(help="Where the sensors sit: a name in fixtures/sonars, or a path.")] = "pair",
+    reflector: Annotated[str, typer.Option(help="Side of the pole: right, left, or none (no pole).")] = "right",
+    range_m: Annotated[float | None, typer.Option("--range", help="Its distance from the sensors, m.")] = None,
+    temperature: Annotated[float | None, typer.Option(help="Of the air, C, where the rig does not measure it.")] = None,
+    limits: Annotated[str, typer.Option(help="Name in fixtures/limits, or a path.")] = "rig",
+    as_json: Json = False,
+    out: Annotated[Path | None, typer.Option(help="Folder for runs [$SARANGA_BENCH_RUNS or ./runs].")] = None,
+) -> None:
+    """Is the rig in order? Links, ring-down, noise, synchronisation, roles, losses, each with its limit."""
+    from bench.interrupt import EXIT_INTERRUPTED, interruptible
+    from bench.rig.check import CheckPlan, check_rig
+    from bench.store import Store, runs_root
+    from bench.verdict import Verdict
+
+    plan = CheckPlan(url, seconds, rate, sonar, reflector, range_m, temperature, limits)
+    with interruptible() as interrupts:
+        summary = check_rig(plan, Store(runs_root(out)), interrupts.asked)
+    print(json.dumps(summary, allow_nan=False, default=str) if as_json else _check_text(summary))
+    raise typer.Exit(EXIT_INTERRUPTED if interrupts.asked() else Verdict(summary["verdict"]).exit_code)
+
+
+def _check_text(summary: dict[str, Any]) -> str:
+    lines = [f"{row['verdict']:<12} {row['name']:<32} {row['why']}" for row in summary["checks"]]
+    lines += [f"  cause: {cause}" for cause in summary["causes"]]
+    made = summary["provenance"]
+    return "\n".join([*lines, f"{summary['verdict']}: {made['firmware']}, values {made['origin']}; {summary['run']}"])
+
+
+RECORD_EXAMPLES = """\b
+Examples:
+  saranga-bench rig record serial:///dev/ttyACM0 --out echoes.mcap --seconds 60
+  saranga-bench rig record serial:///dev/ttyACM0 --out noise.mcap --mode receive --odr 6 --samples 340
+      until Ctrl-C; a pulled cable is waited for, a kill loses the last second at most
+
+The recording plays anywhere with file:echoes.mcap, or behind a port with rig replay.
+"""
+
+
+@app.command(epilog=RECORD_EXAMPLES)
+def record(
+    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N] or tcp://host:port.")],
+    out: Annotated[Path, typer.Option(help="New recording, .mcap; never overwritten.")],
+    seconds: Annotated[float | None, typer.Option(help="How long [until Ctrl-C].")] = None,
+    mode: Annotated[str, typer.Option(help="transmit (transmit/receive) or receive (noise only).")] = "transmit",
+    rate: Annotated[float, typer.Option(help="Triggers a second, Hz.")] = 1e6 / 25_600,
+    odr: Annotated[int | None, typer.Option(help="2..6, with --samples [as the rig is set].")] = None,
+    samples: Annotated[int | None, typer.Option(help="IQ pairs a record, 1..680, with --odr.")] = None,
+    ring_down: Annotated[int | None, typer.Option(help="Ring-down cancel, samples [20; 0 to receive].")] = None,
+    temperature: Annotated[float | None, typer.Option(help="Of the air, C, where the rig does not measure it.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Record everything the rig says."""
+    from bench.interrupt import interruptible
+    from bench.rig.record import RecordPlan
+    from bench.rig.record import record as record_rig
+    from bench.verdict import Verdict
+
+    plan = RecordPlan(url, out, seconds, mode, rate, odr, samples, ring_down, temperature)
+    with interruptible() as interrupts:
+        done = record_rig(plan, interrupts.asked, lambda s, n: print(f"{s:.0f} s, {n} cycles", file=sys.stderr))
+    losses = done["losses"]
+    print(json.dumps(done, allow_nan=False) if as_json else (
+        f"{done['run']}: {done['cycles']} cycles in {done['duration_s']:g} s, "
+        f"{done['counters']['sequence_gaps']} frames lost, {losses['unplugged']} times unplugged; "
+        f"{done['provenance']['origin']}"))
+    raise typer.Exit(Verdict(done["verdict"]).exit_code)
+
+
+@app.command()
+def replay(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, .mcap.")],
+    port: Annotated[str, typer.Option(help="pty, tcp (any free port) or tcp:PORT, on the loopback.")] = "pty",
+    speed: Annotated[float, typer.Option(help="Recorded seconds a second; 0: as fast as the host takes it.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Play a recording behind a port as a rig: prints the URL, begins when the host starts it."""
+    from bench.interrupt import interruptible
+    from bench.rig.replay import Replay, serve_replay
+    from bench.rig.serve import open_port
+
+    source = Replay(file, speed, loop)
+    rig_port = open_port(port)
+    try:
+        print(json.dumps({"url": rig_port.url, "origin": "recorded"}) if as_json else rig_port.url, flush=True)
+        with interruptible() as interrupts:
+            serve_replay(source, rig_port, interrupts.asked)
+    finally:
+        rig_port.close()
 
 
 @app.command("import", epilog=IMPORT_EXAMPLES)

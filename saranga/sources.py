@@ -13,7 +13,7 @@ from saranga.errors import DeviceError, UsageError
 from saranga.recording import FrameWriter, read_recording
 from saranga.wire import MODE_TRANSMIT_RECEIVE, VERSION, Hello, HelloRequest, Message, Start, Stop, encode
 
-__all__ = ["EchoSource", "FileSource", "InProcessSource", "LinkSource", "open_source"]
+__all__ = ["EchoSource", "FileSource", "InProcessSource", "LinkSource", "open_source", "rig_link"]
 
 FORMS = "serial:///dev/ttyACM0[?baud=N], tcp://host:port, file:recording.mcap"
 HELLO_TIMEOUT_S = 5.0
@@ -30,11 +30,14 @@ class LinkSource(EchoStream):
         rate_hz: triggers a second.
         hello_timeout_s: how long `open` waits for HELLO.
         record: a new MCAP file that everything received goes to.
+        now: the clock, s, that timeouts and the recording go by.
     """
 
     def __init__(self, link: ByteLink, mode: int = MODE_TRANSMIT_RECEIVE, rate_hz: float = CYCLE_RATE_HZ,
-                 hello_timeout_s: float = HELLO_TIMEOUT_S, record: Path | None = None) -> None:
+                 hello_timeout_s: float = HELLO_TIMEOUT_S, record: Path | None = None,
+                 now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(link.url)
+        self.now = now
         self._link = link
         self._start = Start(mode=mode, rate_hz=rate_hz)
         self._hello_timeout_s = hello_timeout_s
@@ -51,7 +54,7 @@ class LinkSource(EchoStream):
         """
         self._link.open()
         self._is_open = True
-        self._opened_s = time.monotonic()
+        self._opened_s = self.now()
         try:
             if self._record is not None:
                 self._writer = FrameWriter(self._record, {"source": self.name})
@@ -65,10 +68,10 @@ class LinkSource(EchoStream):
     def poll(self, timeout_s: float) -> list[EchoCycle]:
         if not self._is_open:
             raise DeviceError(f"{self.name} is not open: open it first")
-        deadline = time.monotonic() + timeout_s
+        deadline = self.now() + timeout_s
         while True:
-            self._receive(0.0 if self._ready else max(0.0, deadline - time.monotonic()))
-            if self._ready or time.monotonic() >= deadline:
+            self._receive(0.0 if self._ready else max(0.0, deadline - self.now()))
+            if self._ready or self.now() >= deadline:
                 return self._take_ready()
 
     def send(self, message: Message) -> None:
@@ -92,14 +95,14 @@ class LinkSource(EchoStream):
         data = self._link.read(timeout_s)
         if data:
             if self._writer is not None:
-                self._writer.write(data, round((time.monotonic() - self._opened_s) * 1e6))
+                self._writer.write(data, round((self.now() - self._opened_s) * 1e6))
             self._take_bytes(data)
 
     def _await_hello(self) -> Hello:
         deadline = self._opened_s + self._hello_timeout_s
         ask = self._opened_s
         while self.hello is None:
-            now = time.monotonic()
+            now = self.now()
             if now >= deadline:
                 raise DeviceError(self._no_hello())
             if now >= ask:
@@ -243,6 +246,15 @@ def open_source(url: str, record: Path | None = None) -> EchoSource:
         if record is not None:
             raise UsageError(f"{url}: a recording cannot be recorded again; copy the file")
         return FileSource(path, url, paced=True)
+    return LinkSource(rig_link(url), record=record)
+
+
+def rig_link(url: str) -> ByteLink:
+    """The byte link to a live rig that a URL names, not yet open.
+
+    Raises:
+        UsageError: not `serial:///dev/ttyACM0[?baud=N]` or `tcp://host:port`.
+    """
     try:
         parts = urlsplit(url)
         port = parts.port
@@ -253,7 +265,7 @@ def open_source(url: str, record: Path | None = None) -> EchoSource:
         bauds = query.pop("baud", ["115200"])
         if query or not re.fullmatch(r"[1-9][0-9]{1,7}", bauds[-1]):
             raise UsageError(f"echo source {url!r}: {parts.query!r} is not baud=N with N in 10..99999999; use {FORMS}")
-        return LinkSource(SerialLink(url, parts.path, int(bauds[-1])), record=record)
+        return SerialLink(url, parts.path, int(bauds[-1]))
     if parts.scheme == "tcp" and parts.hostname and port and parts.path in ("", "/"):
-        return LinkSource(TcpLink(url, parts.hostname, port), record=record)
+        return TcpLink(url, parts.hostname, port)
     raise UsageError(f"echo source {url!r} is not understood: use {FORMS}")

@@ -44,6 +44,11 @@ class PtyPort:
         poll.register(self._master, 0)
         return not poll.poll(0)
 
+    @property
+    def busy(self) -> bool:
+        """Whether something is still on its way: what is written now would be dropped."""
+        return bool(self._rest)
+
     def write(self, data: bytes) -> None:
         """Send, or drop and count."""
         if not self.listening:
@@ -110,6 +115,11 @@ class TcpPort:
         """Whether a client is connected (as far as is known)."""
         self._accept()
         return self._client is not None
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is still on its way: what is written now would be dropped."""
+        return bool(self._rest)
 
     def write(self, data: bytes) -> None:
         """Send, or drop and count."""

@@ -88,6 +88,7 @@ def parse_faults(texts: list[str]) -> DeviceFaults:
 
 def _parse(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
+    name = name.replace("-", "_")
     if name not in DEFAULTS:
         raise UsageError(f"--fault {text!r}: no such fault{nearest_hint(name, fault_names())}: known are "
                          f"{', '.join(fault_names())}")

@@ -26,6 +26,8 @@ class RigPort(Protocol):
 
     url: str
 
+    @property
+    def busy(self) -> bool: ...
     def plug(self, plugged: bool) -> None: ...
     def read(self) -> bytes: ...
     def write(self, data: bytes) -> None: ...
@@ -51,6 +53,10 @@ class PluggablePty:
             self._link.unlink(missing_ok=True)
             self._port.close()
             self._port = None
+
+    @property
+    def busy(self) -> bool:
+        return self._port is not None and self._port.busy
 
     def read(self) -> bytes:
         return self._port.read() if self._port is not None else b""
@@ -78,6 +84,10 @@ class PluggableTcp:
         elif not plugged and self._port is not None:
             self._port.close()
             self._port = None
+
+    @property
+    def busy(self) -> bool:
+        return self._port is not None and self._port.busy
 
     def read(self) -> bytes:
         return self._port.read() if self._port is not None else b""
