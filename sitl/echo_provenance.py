@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.echo import load_sonar
+from sitl.acoustics.arrival import CYLINDER, DIRECT, EDGE, FACET, SPHERE
 from sitl.acoustics.shield import load_shielding
 from sitl.acoustics.sonar import AcousticModel
-from sitl.acoustics.tracing import CYLINDER, DIRECT, EDGE, FACET
 from sitl.scene import Scene, build_scene, load_scene
 from sitl.trial_types import FlightLog, TrialRequest
 
 GROUND, NO_OBSTACLE = -1, -2
-KINDS = {FACET: "facet", CYLINDER: "cylinder", EDGE: "edge", DIRECT: "direct"}
+KINDS = {FACET: "facet", CYLINDER: "cylinder", EDGE: "edge", DIRECT: "direct", SPHERE: "sphere"}
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ def provenance_of(log: FlightLog, request: TrialRequest) -> EchoProvenance:
     for k in range(len(log.t_us)):
         for index, role in enumerate(geometry.roles):
             noise = model.noise_rms_counts(role, log.thrust_n[k])
-            for arrival in model.arrivals(role, log.pos_m[k], log.quat[k], log.vel_m_s[k]):
+            for arrival in model.arrivals(role, log.pos_m[k], log.quat[k], log.vel_m_s[k],
+                                          t_us=int(log.t_us[k]), thrust_n=log.thrust_n[k]):
                 kind, number = float(arrival[5]), int(arrival[6])
                 owner = NO_OBSTACLE if kind == DIRECT else int(owners[KINDS[kind]][number])
                 rows.append((log.t_us[k], index, owner, kind, arrival[4],
@@ -74,12 +75,13 @@ def provenance_of(log: FlightLog, request: TrialRequest) -> EchoProvenance:
 
 def owners_of(scene: Scene) -> dict[str, NDArray[np.int64]]:
     """For each row of the scene's facets, cylinders and edges the obstacle it belongs to; -1 is the ground."""
-    owners: dict[str, list[int]] = {"facet": [], "cylinder": [], "edge": []}
+    owners: dict[str, list[int]] = {"facet": [], "cylinder": [], "edge": [], "sphere": []}
     for index, shape in enumerate(scene.obstacles):
         parts = shape.primitives()
-        for kind, array in (("facet", parts.facets), ("cylinder", parts.cylinders), ("edge", parts.edges)):
+        for kind, array in (("facet", parts.facets), ("cylinder", parts.cylinders), ("edge", parts.edges),
+                            ("sphere", parts.spheres)):
             owners[kind] += [index] * len(array)
     lengths = {"facet": len(scene.primitives.facets), "cylinder": len(scene.primitives.cylinders),
-               "edge": len(scene.primitives.edges)}
+               "edge": len(scene.primitives.edges), "sphere": len(scene.primitives.spheres)}
     return {kind: np.array(found + [GROUND] * (lengths[kind] - len(found)), dtype=np.int64)
             for kind, found in owners.items()}

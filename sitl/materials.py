@@ -2,8 +2,9 @@
 
 import math
 from functools import cache
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from saranga.errors import UsageError
 from saranga.fixtures import fixture_path, load_toml
@@ -24,8 +25,9 @@ class Material(Table):
         areal_mass_kg_m2: of a thin sheet, which then reflects by the mass law; None for a thick body.
         absorbed: part of the pressure amplitude lost at the surface beyond that.
         roughness_m: standard deviation of the surface height.
-        diffuse: amplitude that a rough body scatters back within one pulse, over what the same body sent back if it
-            were smooth. It stands for the many scatterers of its surface; their fading is not modelled.
+        albedo: part of the arriving power that a rough surface scatters in all directions (Lambert,
+            `sitl.acoustics.scatter`); what is absorbed or mirrored cannot be scattered as well.
+        flutter_m: how far a film swings at 1 m from a hovering vehicle (`sitl.acoustics.flutter`).
     """
 
     name: str
@@ -34,21 +36,35 @@ class Material(Table):
     areal_mass_kg_m2: Positive | None = None
     absorbed: float = Field(default=0.0, ge=0.0, le=1.0)
     roughness_m: NotNegative = 0.0
-    diffuse: float = Field(default=0.0, ge=0.0, le=1.0)
+    albedo: float = Field(default=0.0, ge=0.0, le=1.0)
+    flutter_m: float = Field(default=0.0, ge=0.0, le=0.05)
+
+    @model_validator(mode="after")
+    def _keeps_energy(self) -> Self:
+        left = self._returned**2 * (1.0 - self._coherent**2)
+        if self.albedo > left + 1e-9:
+            raise ValueError(f"albedo = {self.albedo:g}, but roughness and absorption leave {left:.3g} of the power to "
+                             "scatter")
+        return self
 
     @property
-    def reflectivity(self) -> float:
-        """Pressure amplitude sent back at normal incidence, 0..1.
-
-        Mass law |R| = x / sqrt(1 + x^2), x = pi f m / (rho c); coherent part exp(-2 k^2 s^2) of a rough surface
-        (Eckart), to which the diffuse part adds in power.
-        """
+    def _returned(self) -> float:
+        """Amplitude that neither passes nor is absorbed: mass law |R| = x / sqrt(1 + x^2), x = pi f m / (rho c)."""
         sheet = 1.0
         if self.areal_mass_kg_m2 is not None:
             x = math.pi * FREQUENCY_HZ * self.areal_mass_kg_m2 / AIR_IMPEDANCE_PA_S_M
             sheet = x / math.hypot(1.0, x)
-        coherent = math.exp(-2.0 * (WAVENUMBER_RAD_M * self.roughness_m) ** 2)
-        return min(1.0, sheet * (1.0 - self.absorbed) * math.hypot(coherent, self.diffuse))
+        return sheet * (1.0 - self.absorbed)
+
+    @property
+    def _coherent(self) -> float:
+        """Part of the amplitude that a rough surface mirrors at normal incidence: exp(-2 k^2 s^2) (Eckart)."""
+        return math.exp(-2.0 * (WAVENUMBER_RAD_M * self.roughness_m) ** 2)
+
+    @property
+    def reflectivity(self) -> float:
+        """Pressure amplitude mirrored at normal incidence, 0..1."""
+        return self._returned * self._coherent
 
 
 @cache

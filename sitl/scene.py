@@ -176,4 +176,4 @@ def _ground(arena: Arena) -> Primitives:
     x_axis, y_axis = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     # u x v points up, to where the vehicle is.
     return Primitives.of(facets=[facet_row(centre, y_axis, x_axis, (y1 - y0) / 2 + more, (x1 - x0) / 2 + more,
-                                           load_material("floor").reflectivity)])
+                                           load_material("floor").reflectivity, closed=True)])

@@ -31,6 +31,25 @@ def cylinder_amplitude(d1, d2, radius, cos_incidence):  # type: ignore[no-untype
 
 
 @njit(cache=True)
+def sphere_amplitude(d1, d2, radius, cos_incidence):  # type: ignore[no-untyped-def]
+    """Rigid sphere, ka >> 1: ray-tube spreading in the plane of incidence and across it; a / (2 r (r + a))."""
+    bend, twist = radius * cos_incidence, radius / max(cos_incidence, 1e-3)
+    inside = bend * d1 / (bend * (d1 + d2) + 2.0 * d1 * d2)
+    across = twist * d1 / (twist * (d1 + d2) + 2.0 * d1 * d2)
+    return math.sqrt(inside * across) / d1
+
+
+@njit(cache=True)
+def diffuse_amplitude(d1, d2, cos_in, cos_out, albedo, area):  # type: ignore[no-untyped-def]
+    """One small patch of a rough surface by Lambert's law: sqrt(albedo cos i cos o dA / pi) / (d1 d2).
+
+    `albedo` is the part of the arriving power that leaves diffusely. Patches lie many wavelengths apart, so their
+    phases are as good as random: powers add, and the sum fades from place to place as speckle does.
+    """
+    return math.sqrt(max(albedo * cos_in * cos_out * area / math.pi, 0.0)) / (d1 * d2)
+
+
+@njit(cache=True)
 def edge_amplitude(d1, d2, cos_in, cos_out, wavenumber):  # type: ignore[no-untyped-def]
     """Hard half-plane edge (Keller 1962): (D/r) sqrt(1/2r), D = |1 + sec phi| / (2 sqrt(2 pi k)) in backscatter.
 

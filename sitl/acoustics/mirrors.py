@@ -1,4 +1,4 @@
-"""Where an echo comes from: reflection points of facets, cylinders and edges for one transmitter and one receiver."""
+"""Where an echo comes from: mirror points of facets, cylinders, spheres and edges for one transmitter and receiver."""
 
 import math
 
@@ -111,3 +111,40 @@ def cylinder_point(a, w, radius, tx, rx, point):  # type: ignore[no-untyped-def]
     d2 = math.sqrt(flat_2 * flat_2 + (z - z_r) ** 2)
     cosine = (rho_t * math.cos(angle) - radius) / flat_1
     return d1, d2, z, max(cosine, 0.0)
+
+
+@njit(cache=True)
+def sphere_point(row, tx, rx, point):  # type: ignore[no-untyped-def]
+    """Mirror point of a sphere (centre (3), radius): that of the circle in the plane of both sensors and the centre.
+
+    Writes the point (3,); returns d1, d2 and the cosine of incidence. d1 is 0 where there is none.
+    """
+    radius = row[3]
+    rho_t = rho_r = along = 0.0
+    for i in range(3):
+        t, r = tx[i] - row[i], rx[i] - row[i]
+        rho_t += t * t
+        rho_r += r * r
+        along += t * r
+    rho_t, rho_r = math.sqrt(rho_t), math.sqrt(rho_r)
+    if min(rho_t, rho_r) <= radius + NEAREST_M:
+        return 0.0, 0.0, 0.0
+    along /= rho_t
+    side = math.sqrt(max(rho_r * rho_r - along * along, 0.0))
+    angle, per_side = 0.0, 0.0
+    if side > 1e-7:
+        turn = math.atan2(side, along)
+        if turn > WIDEST_TURN_RAD:
+            return 0.0, 0.0, 0.0
+        angle = mirror_angle(rho_t, rho_r, turn, radius)
+        per_side = 1.0 / side
+    c, s = radius * math.cos(angle), radius * math.sin(angle) * per_side
+    d1 = d2 = 0.0
+    for i in range(3):
+        t, r = tx[i] - row[i], rx[i] - row[i]
+        foot = c * t / rho_t + s * (r - along * t / rho_t)
+        point[i] = row[i] + foot
+        d1 += (t - foot) * (t - foot)
+        d2 += (r - foot) * (r - foot)
+    d1, d2 = math.sqrt(d1), math.sqrt(d2)
+    return d1, d2, max((rho_t * math.cos(angle) - radius) / d1, 0.0)

@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 
 from saranga.echo import SonarGeometry
 from saranga.pulse import pulse_peak_delay_s, pulse_sigma_s
+from sitl.acoustics.arrival import ARRIVAL_COLUMNS
 from sitl.acoustics.atmosphere import Air, Atmosphere, StandardAir, atmosphere
 from sitl.acoustics.beam import piston_grid
 from sitl.acoustics.edges import ready_edges
+from sitl.acoustics.flutter import MODES, films_of, flutter, mode_phases
+from sitl.acoustics.hearing import hear
 from sitl.acoustics.noise_model import NoiseModel
 from sitl.acoustics.receiver import add_echoes, add_ring_down, add_swinging_noise, digitise, gain_counts
 from sitl.acoustics.rotor_noise import BANK_ROWS, blade_pass_hz, noise_bank
+from sitl.acoustics.scatter import ready_scatterers
 from sitl.acoustics.sensor_noise import SweptShare, bare_noise, sensor_noise
 from sitl.acoustics.shield import Shield
-from sitl.acoustics.tracing import ARRIVAL_COLUMNS, trace
 from sitl.airframe import Airframe, load_airframe
 from sitl.primitives import Primitives
 
@@ -52,9 +55,14 @@ class AcousticModel:
         fop = geometry.fop_hz
         self.air: Atmosphere = atmosphere(fop, weather)
         self.gain_counts = gain_counts(geometry.counts_at_1m, atmosphere(fop, StandardAir()).absorption_db_m)
-        self._facets = np.ascontiguousarray(primitives.facets, dtype=np.float64)
+        self._facets = np.array(primitives.facets, dtype=np.float64)
         self._cylinders = np.ascontiguousarray(primitives.cylinders, dtype=np.float64)
         self._edges = np.ascontiguousarray(ready_edges(primitives))
+        self._spheres = np.ascontiguousarray(primitives.spheres, dtype=np.float64)
+        self._scatterers = ready_scatterers(primitives)
+        self._films = films_of(self._facets)
+        self._still = self._facets.copy()
+        self._film_phases = np.array([mode_phases(self._facets[film]) for film in self._films]).reshape(-1, len(MODES))
         c = self.air.c_m_s
         self._setting = np.array([fop, c, self.air.absorption_db_m / DB_PER_NEPER, geometry.bandwidth_hz,
                                   c * geometry.samples / geometry.iq_rate_hz])
@@ -67,7 +75,9 @@ class AcousticModel:
         self._noise = {role: sensor_noise(shield, self._airframe, geometry, role, self.air) for role in geometry.roles}
         self.swept = SweptShare()
         self._floor = WEAKEST_COUNTS / self.gain_counts
-        self._arrivals = np.empty((len(primitives) + 1, ARRIVAL_COLUMNS))
+        mirrors = len(self._facets) * (len(self._facets) + len(self._cylinders))
+        rows = len(primitives) + 1 + len(self._scatterers.points) + 2 * mirrors
+        self._arrivals = np.empty((rows, ARRIVAL_COLUMNS))
 
     def with_geometry(self, **changes: Any) -> "AcousticModel":
         """The same world heard with other sensor settings, such as `odr=4, samples=128`."""
@@ -93,17 +103,25 @@ class AcousticModel:
         return said | self.swept.to_dict() if isinstance(self.shield, NoiseModel) else said
 
     def arrivals(self, role: str, pos_m: NDArray[np.float64], quat: NDArray[np.float64],
-                 vel_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Echoes and direct sound at one sensor, rows of `tracing.ARRIVAL_COLUMNS`; a copy."""
-        return self._trace(role, pos_m, rotation_matrix(quat), vel_m_s).copy()
+                 vel_m_s: NDArray[np.float64], *, t_us: int = 0,
+                 thrust_n: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Echoes and direct sound at one sensor, rows of `arrival.ARRIVAL_COLUMNS`; a copy.
+
+        `t_us` and `thrust_n` (hovering if left out) matter to film under the wash alone.
+        """
+        thrust_n = np.full(4, self._hover_n) if thrust_n is None else thrust_n
+        return self._trace(role, pos_m, rotation_matrix(quat), vel_m_s, t_us, thrust_n).copy()
 
     def _trace(self, role: str, pos_m: NDArray[np.float64], rotation: NDArray[np.float64],
-               vel_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+               vel_m_s: NDArray[np.float64], t_us: int, thrust_n: NDArray[np.float64]) -> NDArray[np.float64]:
         positions = self.geometry.positions_m
         tx = pos_m + rotation @ np.array(positions[self.geometry.transmitter])
         rx = pos_m + rotation @ np.array(positions[role])
-        count = trace(self._facets, self._cylinders, self._edges, tx, rx, rotation, vel_m_s, self._setting,
-                      self._grid, self._floor, self._arrivals)
+        if len(self._films):
+            wash = float(thrust_n.sum()) / (4.0 * self._hover_n)
+            flutter(self._facets, self._still, self._films, self._film_phases, tx, t_us * 1e-6, wash)
+        count = hear(self._facets, self._cylinders, self._spheres, self._edges, *self._scatterers, tx, rx, rotation,
+                     vel_m_s, self._setting, self._grid, self._floor, self._arrivals)
         return self._arrivals[:count]
 
     def cycle(self, pos_m: NDArray[np.float64], quat: NDArray[np.float64], vel_m_s: NDArray[np.float64],
@@ -113,7 +131,7 @@ class AcousticModel:
         Args:
             pos_m, vel_m_s: (3,) of the vehicle, world NED; quat: [w, x, y, z] body to world.
             thrust_n: (4,), sets the noise.
-            t_us: time of the trigger, picks the noise.
+            t_us: time of the trigger, picks the noise and how film stands.
             receive_only: nothing is transmitted: noise alone.
 
         Returns:
@@ -130,7 +148,7 @@ class AcousticModel:
         for k, role in enumerate(geometry.roles):
             record = np.zeros(geometry.samples, dtype=np.complex128)
             if not receive_only:
-                found = self._trace(role, pos_m, rotation, vel_m_s)
+                found = self._trace(role, pos_m, rotation, vel_m_s, t_us, thrust_n)
                 add_echoes(record, found, len(found), self.gain_counts, geometry.fop_hz, geometry.iq_rate_hz,
                            self._sigma_s, self._peak_s)
                 if role == geometry.transmitter:

@@ -1,67 +1,45 @@
-"""Every echo of one transmitter at one receiver: the laws of `echoes.py` run over a scene's primitives."""
+"""Every straight echo of one transmitter at one receiver: the laws of `echoes.py` run over a scene's primitives."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from sitl.acoustics.beam import beam_gain
-from sitl.acoustics.doppler import band_loss, doppler_shift_hz, moving_delay_s
+from sitl.acoustics.arrival import (
+    ARRIVAL_COLUMNS,
+    BOUNCE,
+    CLOSEST_M,
+    CYLINDER,
+    DIFFUSE,
+    DIRECT,
+    EDGE,
+    FACET,
+    SPHERE,
+    STRAIGHT,
+    fade,
+    finish,
+    unit_to,
+)
 from sitl.acoustics.echoes import (
-    absorbed,
     arc_radius,
     cylinder_amplitude,
     edge_amplitude,
     fresnel_radius,
     mirror_share,
     plane_amplitude,
+    sphere_amplitude,
 )
-from sitl.acoustics.mirrors import cylinder_point, facet_point
+from sitl.acoustics.mirrors import cylinder_point, facet_point, sphere_point
 from sitl.acoustics.occlusion import clear_share
 
-ARRIVAL_COLUMNS = 7
-"""delay_s, real and imaginary amplitude (p0 = 1 at 1 m, carrier phase not included), shift_hz, path_m, kind, row."""
-FACET, CYLINDER, EDGE, DIRECT = 0.0, 1.0, 2.0, 3.0
-CLOSEST_M = 0.02
-"""Distances below this count as this: the laws are far-field laws."""
+__all__ = ["ARRIVAL_COLUMNS", "BOUNCE", "CYLINDER", "DIFFUSE", "DIRECT", "EDGE", "FACET", "SPHERE", "STRAIGHT", "near",
+           "trace"]
+
 ROOT_HALF = math.sqrt(0.5)
 
 
-@njit
-def _finish(out, n, amplitude, phase_re, phase_im, d1, d2, tx, rx, point, rotation, velocity, setting, grid,  # type: ignore[no-untyped-def]
-            floor):
-    """Directivity, absorption and Doppler of one reflection; returns 1 and fills row n, or 0 where it is too weak."""
-    fop, c, neper, bandwidth = setting[0], setting[1], setting[2], setting[3]
-    gain = amplitude * absorbed(d1 + d2, neper)
-    if abs(gain) < floor:
-        return 0
-    speed_t = speed_r = 0.0
-    tx_x = tx_y = tx_z = rx_x = rx_y = rx_z = 0.0
-    for i in range(3):
-        to_t, to_r = (point[i] - tx[i]) / d1, (point[i] - rx[i]) / d2
-        speed_t += velocity[i] * to_t
-        speed_r += velocity[i] * to_r
-        tx_x += rotation[i, 0] * to_t
-        tx_y += rotation[i, 1] * to_t
-        tx_z += rotation[i, 2] * to_t
-        rx_x += rotation[i, 0] * to_r
-        rx_y += rotation[i, 1] * to_r
-        rx_z += rotation[i, 2] * to_r
-    gain *= beam_gain(grid, tx_x, tx_y, tx_z) * beam_gain(grid, rx_x, rx_y, rx_z)
-    if abs(gain) < floor:
-        return 0
-    shift = doppler_shift_hz(fop, c, speed_t, speed_r)
-    gain *= band_loss(shift, bandwidth)
-    out[n, 0] = moving_delay_s(d1, d2, speed_r, c)
-    out[n, 1] = gain * phase_re
-    out[n, 2] = gain * phase_im
-    out[n, 3] = shift
-    out[n, 4] = d1 + d2
-    return 1
-
-
-@njit
-def _near(facets, cylinders, origin, reach):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def near(facets, cylinders, origin, reach):  # type: ignore[no-untyped-def]
     """Rows whose bounding sphere comes within `reach` of `origin`."""
     near_facets = np.empty(facets.shape[0], np.int64)
     near_cylinders = np.empty(cylinders.shape[0], np.int64)
@@ -88,32 +66,33 @@ def _near(facets, cylinders, origin, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, floor, out):  # type: ignore[no-untyped-def]
-    """Echoes and the direct sound from `tx` at `rx`; returns how many rows of `out` (K, ARRIVAL_COLUMNS) hold them.
+def trace(facets, cylinders, spheres, edges, near_facets, near_cylinders, tx, rx, rotation, velocity, setting, grid,  # type: ignore[no-untyped-def]
+          floor, out):
+    """Straight echoes and the direct sound from `tx` at `rx`; returns how many rows of `out` hold them.
 
     Args:
-        facets, cylinders: rows of `sitl.primitives`; edges: rows of `sitl.acoustics.edges`.
+        facets, cylinders, spheres: rows of `sitl.primitives`; edges: rows of `sitl.acoustics.edges`.
+        near_facets, near_cylinders: rows within reach, from `near`.
         tx, rx: (3,) world NED; rotation: (3, 3) body to world; velocity: (3,) of both sensors, world.
         setting: fop_hz, c_m_s, absorption in neper a metre, bandwidth_hz, longest path_m.
         grid: directivity, `beam.py`.
         floor: amplitude below which an echo is left out.
+        out: (K, ARRIVAL_COLUMNS).
     """
     fop, c, longest = setting[0], setting[1], setting[4]
     wavelength = c / fop
     wavenumber = 2.0 * math.pi / wavelength
-    point = np.empty(3)
-    near_facets, near_cylinders = _near(facets, cylinders, tx, 0.5 * longest + 0.2)
+    point, to_t, to_r = np.empty(3), np.empty(3), np.empty(3)
     n = 0
     gap = math.sqrt((rx[0] - tx[0]) ** 2 + (rx[1] - tx[1]) ** 2 + (rx[2] - tx[2]) ** 2)
     if gap > 1e-6:
-        # Both look at the middle: the same distance, no motion between them.
+        # Cross-talk: both look at the middle: the same distance, no motion between them.
         for i in range(3):
             point[i] = 0.5 * (tx[i] + rx[i])
-        still = np.zeros(3)
-        if _finish(out, n, 1.0 / gap, 1.0, 0.0, 0.5 * gap, 0.5 * gap, tx, rx, point, rotation, still, setting, grid,
-                   floor):
-            out[n, 5], out[n, 6] = DIRECT, 0.0
-            n += 1
+        unit_to(tx, point, to_t)
+        unit_to(rx, point, to_r)
+        n += finish(out, n, 1.0 / gap, 1.0, 0.0, 0.5 * gap, 0.5 * gap, to_t, to_r, rotation, np.zeros(3), setting, grid,
+                    floor, DIRECT, 0.0, STRAIGHT)
     for k in near_facets:
         row = facets[k]
         d1, d2, u, v = facet_point(row, tx, rx, point)
@@ -125,37 +104,42 @@ def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, f
             continue
         amplitude = (row[11] * plane_amplitude(d1, d2) * mirror_share(row[9] - u, row[9] + u, radius)
                      * mirror_share(row[10] - v, row[10] + v, radius))
-        if _finish(out, n, amplitude, 1.0, 0.0, d1, d2, tx, rx, point, rotation, velocity, setting, grid, floor):
-            clear = clear_share(facets, near_facets, k, cylinders, near_cylinders, -1, tx, point, wavelength)
-            clear *= clear_share(facets, near_facets, k, cylinders, near_cylinders, -1, rx, point, wavelength)
-            out[n, 1] *= clear
-            out[n, 2] *= clear
-            out[n, 5], out[n, 6] = FACET, k
+        unit_to(tx, point, to_t)
+        unit_to(rx, point, to_r)
+        if finish(out, n, amplitude, 1.0, 0.0, d1, d2, to_t, to_r, rotation, velocity, setting, grid, floor, FACET, k,
+                  STRAIGHT):
+            fade(out, n, clear_share(facets, near_facets, k, cylinders, near_cylinders, -1, tx, point, wavelength)
+                 * clear_share(facets, near_facets, k, cylinders, near_cylinders, -1, rx, point, wavelength))
             n += 1
     a, w = np.empty(3), np.empty(3)
     for k in near_cylinders:
         row = cylinders[k]
-        length = 0.0
-        for i in range(3):
-            a[i] = row[i]
-            w[i] = row[3 + i] - row[i]
-            length += w[i] * w[i]
-        length = math.sqrt(length)
-        for i in range(3):
-            w[i] /= length
+        length = axis_of(row, a, w)
         d1, d2, z, cosine = cylinder_point(a, w, row[6], tx, rx, point)
         if d1 == 0.0 or d1 + d2 > longest:
             continue
         d1, d2 = max(d1, CLOSEST_M), max(d2, CLOSEST_M)
-        radius = fresnel_radius(wavelength, d1, d2)
-        share = mirror_share(z, length - z, radius)
+        share = mirror_share(z, length - z, fresnel_radius(wavelength, d1, d2))
         amplitude = row[7] * share * cylinder_amplitude(d1, d2, row[6], cosine)
-        if _finish(out, n, amplitude, 1.0, 0.0, d1, d2, tx, rx, point, rotation, velocity, setting, grid, floor):
-            clear = clear_share(facets, near_facets, -1, cylinders, near_cylinders, k, tx, point, wavelength)
-            clear *= clear_share(facets, near_facets, -1, cylinders, near_cylinders, k, rx, point, wavelength)
-            out[n, 1] *= clear
-            out[n, 2] *= clear
-            out[n, 5], out[n, 6] = CYLINDER, k
+        unit_to(tx, point, to_t)
+        unit_to(rx, point, to_r)
+        if finish(out, n, amplitude, 1.0, 0.0, d1, d2, to_t, to_r, rotation, velocity, setting, grid, floor, CYLINDER,
+                  k, STRAIGHT):
+            fade(out, n, clear_share(facets, near_facets, -1, cylinders, near_cylinders, k, tx, point, wavelength)
+                 * clear_share(facets, near_facets, -1, cylinders, near_cylinders, k, rx, point, wavelength))
+            n += 1
+    for k in range(spheres.shape[0]):
+        row = spheres[k]
+        d1, d2, cosine = sphere_point(row, tx, rx, point)
+        if d1 == 0.0 or d1 + d2 > longest:
+            continue
+        d1, d2 = max(d1, CLOSEST_M), max(d2, CLOSEST_M)
+        unit_to(tx, point, to_t)
+        unit_to(rx, point, to_r)
+        if finish(out, n, row[4] * sphere_amplitude(d1, d2, row[3], cosine), 1.0, 0.0, d1, d2, to_t, to_r, rotation,
+                  velocity, setting, grid, floor, SPHERE, k, STRAIGHT):
+            fade(out, n, clear_share(facets, near_facets, -1, cylinders, near_cylinders, -1, tx, point, wavelength)
+                 * clear_share(facets, near_facets, -1, cylinders, near_cylinders, -1, rx, point, wavelength))
             n += 1
     for k in range(edges.shape[0]):
         row = edges[k]
@@ -184,16 +168,28 @@ def trace(facets, cylinders, edges, tx, rx, rotation, velocity, setting, grid, f
             cos_in, cos_out = _cosines(row, tx, rx, point, d1, d2)
             amplitude = edge_amplitude(d1, d2, cos_in, cos_out, wavenumber)
             turn_re, turn_im = -ROOT_HALF, ROOT_HALF
-        amplitude *= row[7] * share
-        if _finish(out, n, amplitude, turn_re, turn_im, d1, d2, tx, rx, point, rotation, velocity, setting, grid,
-                   floor):
-            clear = clear_share(facets, near_facets, -1, cylinders, near_cylinders, -1, tx, point, wavelength)
-            clear *= clear_share(facets, near_facets, -1, cylinders, near_cylinders, -1, rx, point, wavelength)
-            out[n, 1] *= clear
-            out[n, 2] *= clear
-            out[n, 5], out[n, 6] = EDGE, k
+        unit_to(tx, point, to_t)
+        unit_to(rx, point, to_r)
+        if finish(out, n, amplitude * row[7] * share, turn_re, turn_im, d1, d2, to_t, to_r, rotation, velocity, setting,
+                  grid, floor, EDGE, k, STRAIGHT):
+            fade(out, n, clear_share(facets, near_facets, -1, cylinders, near_cylinders, -1, tx, point, wavelength)
+                 * clear_share(facets, near_facets, -1, cylinders, near_cylinders, -1, rx, point, wavelength))
             n += 1
     return n
+
+
+@njit(cache=True)
+def axis_of(row, a, w):  # type: ignore[no-untyped-def]
+    """Writes the end `a` (3,) and the unit direction `w` (3,) of a cylinder; returns its length."""
+    length = 0.0
+    for i in range(3):
+        a[i] = row[i]
+        w[i] = row[3 + i] - row[i]
+        length += w[i] * w[i]
+    length = math.sqrt(length)
+    for i in range(3):
+        w[i] /= length
+    return length
 
 
 @njit

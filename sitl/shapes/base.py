@@ -64,8 +64,13 @@ class ShapeTable(Table):
 
     @property
     def reflectivity(self) -> float:
-        """Pressure amplitude sent back coherently, 0..1."""
+        """Pressure amplitude mirrored, 0..1."""
         return load_material(self.material).reflectivity
+
+    @property
+    def albedo(self) -> float:
+        """Part of the arriving power that the surface scatters in all directions, 0..1."""
+        return load_material(self.material).albedo
 
     def check_material(self, where: str) -> None:
         """Look the material up now, so that a wrong name is reported with its table.

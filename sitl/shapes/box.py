@@ -53,14 +53,14 @@ class Box(ShapeTable):
     def primitives(self) -> Primitives:
         """Four sides and the top as facets, four upright corners and four top edges; the underside is unseen."""
         centre, (ax, ay, _), (hx, hy, hz) = self._centre(), self._axes(), self._half()
-        r, rc = self.reflectivity, self.corner_radius_m
+        r, rough, rc = self.reflectivity, self.albedo, self.corner_radius_m
         up = -DOWN
-        facets, edges = [facet_row(centre + hz * up, ay, ax, hy, hx, r)], []
+        facets, edges = [facet_row(centre + hz * up, ay, ax, hy, hx, r, rough, closed=True)], []
         sides = ((ax, hx, ay, hy), (ay, hy, -ax, hx), (-ax, hx, -ay, hy), (-ay, hy, ax, hx))
         for normal, half_n, along, half_a in sides:
             middle = centre + half_n * normal
             # u x v = normal with v down; the face's corner in the direction `along` is the one counted here.
-            facets.append(facet_row(middle, np.cross(DOWN, normal), DOWN, half_a, hz, r))
+            facets.append(facet_row(middle, np.cross(DOWN, normal), DOWN, half_a, hz, r, rough, closed=True))
             corner = middle + half_a * along
             edges.append(edge_row(corner + hz * DOWN, corner + hz * up, normal, r, rc))
             edges.append(edge_row(middle - half_a * along + hz * up, corner + hz * up, normal, r, rc))

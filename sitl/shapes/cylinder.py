@@ -57,7 +57,8 @@ class Cylinder(ShapeTable):
         return np.array([cylinder_solid(*self.ends_m(), self.diameter_m / 2)])
 
     def primitives(self) -> Primitives:
-        return Primitives.of(cylinders=[cylinder_row(*self.ends_m(), self.diameter_m / 2, self.reflectivity)])
+        return Primitives.of(cylinders=[cylinder_row(*self.ends_m(), self.diameter_m / 2, self.reflectivity,
+                                                     self.albedo)])
 
     def mesh(self) -> tuple[Floats, Triangles]:
         """Vertices (2 n + 2, 3) and triangles: two rings and two centres."""

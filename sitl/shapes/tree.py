@@ -69,7 +69,7 @@ class Tree(ShapeTable):
 
     def primitives(self) -> Primitives:
         """Trunk and branches as cylinders, leaves as facets in random directions."""
-        r = self.reflectivity
+        r, rough = self.reflectivity, self.albedo
         rng = np.random.default_rng([self.seed, 1])
         leaf = load_material(LEAF_MATERIAL).reflectivity
         facets = []
@@ -80,7 +80,7 @@ class Tree(ShapeTable):
                 facets.append(facet_row(centre, u, v, self.leaf_size_m, self.leaf_size_m, leaf))
         return Primitives.of(facets=facets, cylinders=[
             *self._trunk().primitives().cylinders.tolist(),
-            *(cylinder_row(root, end, radius, r) for root, end, radius in self._branches)])
+            *(cylinder_row(root, end, radius, r, rough) for root, end, radius in self._branches)])
 
     def mesh(self) -> tuple[Floats, Triangles]:
         """Trunk and branches."""

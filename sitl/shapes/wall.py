@@ -5,6 +5,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import model_validator
 
+from sitl.materials import load_material
 from sitl.primitives import Primitives, edge_row, facet_row
 from sitl.shapes.base import BOX_TRIANGLES, Floats, ShapeTable, Triangles, box_corners
 from sitl.solids import box_solid
@@ -50,14 +51,16 @@ class Wall(ShapeTable):
         return np.array([box_solid(centre, axes, (half, self.thickness_m / 2, self.height_m / 2))])
 
     def primitives(self) -> Primitives:
-        """The facet and its two upright edges, hard (Keller)."""
+        """The facet and its two upright edges, hard (Keller); a rough wall has a second, only diffuse facet behind."""
         centre, (along, across, _), half = self._frame()
         half_h, r = self.height_m / 2, self.reflectivity
         # along x down points to -across; turn u so that the normal is `across`.
-        facet = facet_row(centre, -along, DOWN, half, half_h, r)
+        facets = [facet_row(centre, -along, DOWN, half, half_h, r, self.albedo, load_material(self.material).flutter_m)]
+        if self.albedo > 0.0:
+            facets.append(facet_row(centre, along, DOWN, half, half_h, 0.0, self.albedo))
         edges = [edge_row(end + half_h * DOWN, end - half_h * DOWN, across, r, 0.0)
                  for end in (centre - half * along, centre + half * along)]
-        return Primitives.of(facets=[facet], edges=edges)
+        return Primitives.of(facets=facets, edges=edges)
 
     def mesh(self) -> tuple[Floats, Triangles]:
         centre, axes, half = self._frame()

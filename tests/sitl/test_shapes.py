@@ -152,7 +152,7 @@ def test_wall_lowers_to_a_facet_with_hard_upright_edges():
 def test_cylinder_lowers_to_one_cylinder_with_heights_up():
     parts = shape(OBLIQUE, material="aluminium").primitives()
     assert (len(parts.facets), len(parts.cylinders), len(parts.edges)) == (0, 1, 0)
-    assert parts.cylinders[0] == pytest.approx([2, -1, -0.2, 3, 1, -2.2, 0.05, 1.0])
+    assert parts.cylinders[0] == pytest.approx([2, -1, -0.2, 3, 1, -2.2, 0.05, 1.0, 0.0])
 
 
 def test_primitives_concatenate_in_order_and_cannot_be_written_to():
