@@ -131,6 +131,15 @@ def test_a_stand_that_is_not_open_says_so(rigged: Rigged) -> None:
         rigged.stand.read(0.0)
 
 
+def test_a_stand_opens_again_after_it_was_closed(rigged: Rigged) -> None:
+    for _ in range(2):
+        if isinstance(rigged.stand, TeensyStand) and isinstance(rigged.stand.link, ScriptedLink):
+            rigged.stand.link.expected = [(FRAMES["hello_request"], FRAMES["hello"])]
+        assert "thrust_n" in rigged.stand.open().quantities
+        assert rigged.stand.read(1.0)
+        rigged.stand.close()
+
+
 def test_a_stand_that_goes_away_is_an_error_that_names_it(rigged: Rigged, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.thrust_stand.drivers.rcbenchmark.SILENT_S", 0.2)
     rigged.stand.open()

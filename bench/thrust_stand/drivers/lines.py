@@ -64,7 +64,8 @@ class LineStand:
             DeviceError: no connection, silence, or lines of another form.
         """
         self._link.open()
-        self._open = True
+        self._open, self._synchronised, self._bad_in_a_row, self._rest = True, False, 0, b""
+        self._waiting.clear()
         try:
             end_s = time.monotonic() + FIRST_LINE_S
             while not self._waiting:

@@ -9,7 +9,7 @@ Sources: MAVLink common dialect (MAV_CMD 209); ArduPilot, ArduCopter/motor_test.
 
 import contextlib
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -18,6 +18,9 @@ from bench.thrust_stand.links import DEFAULT_BAUD, byte_link
 from bench.thrust_stand.registry import Where
 from saranga.byte_links import ByteLink
 from saranga.errors import DeviceError
+
+if TYPE_CHECKING:
+    from saranga.vehicle import VehicleLink
 
 NAME = "motortest"
 FORMS = "motortest+serial:///dev/ttyACM1[?motor=1&baud=115200] or motortest+tcp://127.0.0.1:5760"
@@ -50,10 +53,8 @@ class MotorTest:
         self.url = link.url
         self._link = link
         self._motor = motor
-        from saranga.vehicle import VehicleLink  # Here: it compiles kernels, which other drivers shall not wait for.
-
-        self._vehicle = VehicleLink(system_id=GROUND_STATION, component_id=mavlink.MAV_COMP_ID_MISSIONPLANNER,
-                                    target_system=system, vehicle_type=mavlink.MAV_TYPE_GCS)
+        self._system = system
+        self._vehicle = self._new_vehicle()
         self._open = False
         self._heartbeat_s = -OUR_HEARTBEAT_S
         self._heard_s = 0.0
@@ -66,7 +67,7 @@ class MotorTest:
             DeviceError: no connection, no heartbeat, another vehicle, or an armed one.
         """
         self._link.open()
-        self._open = True
+        self._open, self._spun, self._vehicle = True, False, self._new_vehicle()
         try:
             status = self._vehicle.status
             end_s = time.monotonic() + HEARTBEAT_TIMEOUT_S
@@ -115,6 +116,12 @@ class MotorTest:
                 self._test(0.0, 0.0)
                 self._flush()
         self._link.close()
+
+    def _new_vehicle(self) -> "VehicleLink":
+        from saranga.vehicle import VehicleLink  # Here: it compiles kernels, which other drivers shall not wait for.
+
+        return VehicleLink(system_id=GROUND_STATION, component_id=mavlink.MAV_COMP_ID_MISSIONPLANNER,
+                           target_system=self._system, vehicle_type=mavlink.MAV_TYPE_GCS)
 
     def _test(self, value: float, timeout_s: float) -> None:
         self._vehicle.send_command(mavlink.MAV_CMD_DO_MOTOR_TEST, float(self._motor),

@@ -69,6 +69,8 @@ class RCbenchmarkStand:
             DeviceError: the port is taken, the script does not answer, is another version, or reads no thrust.
         """
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._hello, self._last, self._count, self._spun, self._error = None, None, None, False, ""
+        self._waiting.clear()
         try:
             self._bind_and_ask()
         except BaseException:

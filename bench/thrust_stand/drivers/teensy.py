@@ -71,7 +71,10 @@ class TeensyStand:
             DeviceError: no connection, no HELLO, wrong protocol or firmware, no stand on it, or it does not stream.
         """
         self.link.open()
-        self._open = True
+        self._open, self._spun = True, False
+        # Nothing that was heard before counts: another device may be at the port now.
+        self._decoder, self._hello, self._last = Decoder(), None, None
+        self._waiting.clear()
         try:
             hello = self._await_hello()
             self._check(hello)
