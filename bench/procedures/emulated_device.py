@@ -16,13 +16,15 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
 
 from bench.procedures.plan import Condition, NoisePlan
-from bench.rig.emulator import EmulatedDevice
 from saranga.errors import DeviceError, UsageError
 from saranga.plugins import nearest_hint
+
+if TYPE_CHECKING:
+    from bench.rig.emulator import EmulatedDevice
 
 SCHEME = "emulated:"
 START_LIMIT_S = 120.0
@@ -86,7 +88,7 @@ def parse_emulated(*urls: str | None) -> EmulatedSpec:
     return EmulatedSpec(**values, shields=tuple(lists["shield"]), faults=tuple(lists["fault"]))
 
 
-def make_emulated(spec: EmulatedSpec, plan: NoisePlan, **more: Any) -> EmulatedDevice:
+def make_emulated(spec: EmulatedSpec, plan: NoisePlan, **more: Any) -> "EmulatedDevice":
     """The device in this process, for simulated time."""
     from bench.rig.emulate_command import make_device
 

@@ -5,11 +5,10 @@ there is nothing to keep safe. The real chain, emulated or not, is in `hardware_
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.procedures.bench import BenchInfo, Heard
 from bench.procedures.plan import Condition, PlanLimits, RigSettings
-from bench.rig.emulator import EmulatedDevice
 from bench.thrust_stand.protocol import StandReading
 from saranga.echo import EchoCycle
 from saranga.errors import DeviceError
@@ -28,6 +27,9 @@ from saranga.wire import (
     encode,
 )
 
+if TYPE_CHECKING:
+    from bench.rig.emulator import EmulatedDevice
+
 TICK_S = 0.02
 DEADLINE_MS = 200
 
@@ -44,7 +46,7 @@ class SimulatedBench:
     by_hand = False
     real_time = False
 
-    def __init__(self, device: EmulatedDevice, rig: RigSettings, limits: PlanLimits, record: Path | None = None,
+    def __init__(self, device: "EmulatedDevice", rig: RigSettings, limits: PlanLimits, record: Path | None = None,
                  tick_s: float = TICK_S) -> None:
         self._device = device
         self._rig = rig

@@ -32,9 +32,9 @@ from bench.verdict import Verdict
 from saranga.errors import BenchError, DeviceError, UsageError
 
 PHASES = ("idle", "ramp", "hold", "ramp-down")
-QUICK = (("SIGINT", "hold"), ("SIGTERM", "ramp"), ("SIGHUP", "ramp-down"), ("SIGKILL", "hold"),
+QUICK = (("SIGINT", "hold"), ("SIGTERM", "idle"), ("SIGHUP", "ramp-down"), ("SIGKILL", "hold"),
          ("test timeout", "ramp"), ("hung loop", "hold"), ("rig unplugged", "ramp-down"), ("stand unplugged", "hold"),
-         ("supervisor killed", "ramp"), ("supervisor killed", "idle"))
+         ("supervisor killed", "ramp"))
 """Every cause and every phase at least once."""
 LIMIT_MS = 200.0
 DEAD_MAN_MS = 150.0
@@ -178,17 +178,19 @@ def run_matrix(cells: Iterable[tuple[str, str]], folder: Path, stand: str = STAN
 # ---- one cell, step by step --------------------------------------------------------------------------
 def _await_phase(log: DeviceLog, wanted: str, folder: Path, process: "subprocess.Popen[bytes]") -> None:
     """Until a step is in the journal and the device is in the phase."""
-    begun = first = False
+    begun = False
     end_s = time.monotonic() + PHASE_TIMEOUT_S
     while time.monotonic() < end_s:
         if process.poll() is not None:
             raise DeviceError(f"the control process ended by itself with {process.returncode}: {last_words(folder)}")
+        if not begun:
+            begun = bool(steps_said(folder))
+            if begun:
+                go_first(process.pid)  # what else runs on this machine shall not enter
+            time.sleep(0.05)
+            continue
         log.read()
-        begun = begun or bool(steps_said(folder))
-        if begun and not first:
-            go_first(process.pid)  # what else runs on this machine shall not enter
-            first = True
-        if begun and phase(log, THROTTLE) == wanted:
+        if phase(log, THROTTLE) == wanted:
             return
         time.sleep(0.004)
     raise DeviceError(f"phase {wanted} was not seen within {PHASE_TIMEOUT_S:g} s: {last_words(folder)}")
