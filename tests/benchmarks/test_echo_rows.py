@@ -1,5 +1,6 @@
 """How long one row (one sensor, one cycle) takes to synthesise: the goal is 50 us with ten obstacles."""
 
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,11 @@ POSE = (np.array([0.0, 0.0, -1.0]), np.array([1.0, 0, 0, 0]), np.array([1.0, 0, 
 GROUND = Primitives.of(facets=[facet_row(np.zeros(3), np.eye(3)[1], np.eye(3)[0], 10.0, 10.0, 0.9)])
 
 
-def scene(kind: str) -> Primitives:
-    """Ten obstacles over the first five metres, three or four of them within the record, and the ground."""
+def scene(kind: str, count: int = 10) -> Primitives:
+    """Obstacles over the first five metres, a third of them within the record, and the ground."""
     parts = [GROUND]
-    for k in range(10):
-        x, y = 0.6 + 0.5 * k, 0.7 * np.sin(2.4 * k)
+    for k in range(count):
+        x, y = 0.6 + 5.0 / count * k, 0.7 * np.sin(2.4 * k)
         if kind == "poles":
             parts.append(Cylinder(x_m=x, y_m=y, diameter_m=0.06, height_m=1.8).primitives())
         else:
@@ -44,6 +45,27 @@ def test_rows(benchmark: Any, kind: str) -> None:
     if benchmark.stats is not None:
         obstacles = 20 if kind == "boxes and poles" else 10
         assert benchmark.stats.stats.min / len(GEOMETRY.roles) < 5e-6 * obstacles
+
+
+def test_time_grows_no_faster_than_obstacles_and_not_with_history(benchmark: Any) -> None:
+    def us_a_row(model: AcousticModel, first: int) -> float:
+        times = []
+        for k in range(first, first + 400):
+            start = process_time()
+            model.cycle(*POSE, 25_600 * k)
+            times.append(process_time() - start)
+        return 1e6 * float(np.median(times)) / len(GEOMETRY.roles)
+
+    shield = load_shield("foam")
+    models = {n: AcousticModel(scene("poles", n), StandardAir(), GEOMETRY, shield, 1) for n in (10, 20, 40)}
+    for model in models.values():
+        model.cycle(*POSE, 0)
+    spent = benchmark.pedantic(lambda: {n: us_a_row(model, 0) for n, model in models.items()}, rounds=1)
+    late = us_a_row(models[10], 1_000_000)
+    benchmark.extra_info |= {f"us a row, {n} poles": round(us, 1) for n, us in spent.items()}
+    benchmark.extra_info["us a row, 10 poles, after a million cycles"] = round(late, 1)
+    assert spent[20] < 2.4 * spent[10] and spent[40] < 4.8 * spent[10]
+    assert late < 1.5 * spent[10]
 
 
 def test_rows_as_wire_bytes(benchmark: Any) -> None:
