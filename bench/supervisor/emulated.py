@@ -50,11 +50,19 @@ class EmulatedProcess:
         """As a thrust stand."""
         return f"teensy+{self.rig_url}"
 
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._process.poll() is None
+
     def order(self, text: str) -> None:
-        """"unplug" or "plug"."""
+        """"unplug" or "plug". Raises DeviceError when it is gone."""
         assert self._process.stdin is not None
-        self._process.stdin.write(text.encode() + b"\n")
-        self._process.stdin.flush()
+        try:
+            self._process.stdin.write(text.encode() + b"\n")
+            self._process.stdin.flush()
+        except OSError as error:
+            raise DeviceError(f"the emulated device is gone: {error}") from error
 
     def close(self) -> None:
         """Switch it off. May be called twice."""
@@ -67,7 +75,8 @@ class EmulatedProcess:
             self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                pipe.close()
+                with contextlib.suppress(OSError):
+                    pipe.close()
 
 
 class Bay:
@@ -81,8 +90,10 @@ class Bay:
         self._rig: EmulatedProcess | None = None
 
     def own_rig(self) -> EmulatedProcess:
-        """Started when first wanted."""
-        if self._rig is None:
+        """Started when first wanted; anew when the thread that started it has ended, which ends it too."""
+        if self._rig is None or not self._rig.alive:
+            if self._rig is not None:
+                self._rig.close()
             self._rig = EmulatedProcess(self._folder, "rig", None)
         return self._rig
 

@@ -59,7 +59,9 @@ class Cell:
     dead_man_ms: float | None = None
     """Last command to idle, where the device idled by itself."""
     late_ms: float = 0.0
-    """How late a process got the processor meanwhile, at worst."""
+    """How late a waiting process got the processor while the throttle came down, at worst."""
+    overslept_ms: float = 0.0
+    """How late the supervisor got it, at worst of the whole run."""
     steps_kept: int = 0
     control_exit: int | None = None
     verdict_of_run: str | None = None
@@ -249,13 +251,13 @@ def _judge_the_supervisors_log(cell: Cell, cause: Cause, folder: Path) -> None:
     assert run is not None
     records = read_journal(run / SUPERVISOR_LOG)
     if records.end is not None:
-        cell.late_ms = max(cell.late_ms, float(records.end["overslept_ms"]))
+        cell.overslept_ms = float(records.end["overslept_ms"])
     if [t for t in records.of("trip") if t["monotonic_s"] < cell.began_s]:
         cell.starved = True  # it had been cut off already, by a loop that did not get the processor
     latched = all_latches(run)
     names = [t.name for _, found in latched.values() for t in found]
     if bool(names) != cause.latches:
-        if cell.late_ms > STARVED_MS and set(names) <= STARVATION_TRIPS:
+        if max(cell.late_ms, cell.overslept_ms) > STARVED_MS and set(names) <= STARVATION_TRIPS:
             cell.starved = True
         elif not cell.starved:
             cell.faults.append(f"latched trips {names}, expected {'some' if cause.latches else 'none'}")
