@@ -199,7 +199,7 @@ class EmulatedProcess:
 
 
 def refuse_what_only_simulated_time_can(condition: Condition) -> None:
-    """Raises UsageError for a condition that changes propeller or distance, which the emulated process cannot."""
+    """Raise UsageError for a condition that changes propeller or distance, which the emulated process cannot."""
     if condition.propeller or condition.hub_distance_m is not None:
         what = "its propeller" if condition.propeller else "the sensor's distance"
         raise UsageError(f"condition {condition.name!r} changes {what}: emulated hardware can do that only in "

@@ -64,7 +64,7 @@ class HardwareBench:
         plan = SupervisorPlan(self._throttle_url, self._stand_url, limits, log_folder=self._log_folder)
         if self._emulated is not None:
             # It hurts nobody: a busy machine may hold its loop up for longer than a real motor allows.
-            plan = replace(plan, token_timeout_s=0.5, stale_s=1.0, readback_s=1.0)
+            plan = replace(plan, token_timeout_s=1.0, stale_s=2.0, readback_s=2.0)
         self._supervisor = sup = Supervisor.start(plan, confirm=self._confirmation)
         try:
             if not sup.confirmed:

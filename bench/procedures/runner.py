@@ -25,6 +25,8 @@ POLL_S = 0.02
 IDLE_THRUST_N = 0.05
 STOPPED_RPM = 300.0
 STANDSTILL_S = 10.0
+ARRIVE_S = 10.0
+ARRIVED = 0.005
 LEAST_FINITE_SHARE = 0.8
 SIGN_THROTTLE = 0.15
 """From this throttle on a propeller pulls; a stand that reads clearly negative there is wired or calibrated wrongly."""
@@ -100,7 +102,7 @@ class Runner:
     def _measure(self, step: Step) -> dict[str, Any]:
         began_s = self.bench.now_s()
         self._aim(step)
-        settled = self._settle(step, began_s)
+        settled = self._settle(step)
         settled_s = self.bench.now_s() - began_s
         meters = {role: NoiseMeter(self.plan.rig.skip_samples) for role in self.roles}
         coherence = CoherenceMeter(self.plan.rig.skip_samples)
@@ -141,12 +143,15 @@ class Runner:
             self._throttle = 0.0
         elif self.plan.levels.by_thrust:
             self._seeker = ThrustSeeker(step.level, self.plan.limits.throttle, self._throttle)
+            self._throttle = self._seeker.throttle
         else:
             self._throttle = step.level
 
-    def _settle(self, step: Step, began_s: float) -> bool:
+    def _settle(self, step: Step) -> bool:
         settle = self.plan.settle
         watch = Settling(settle.least_s, settle.most_s, settle.window_s, settle.per_second, settle.floor_n)
+        self._arrive(step)
+        began_s = self.bench.now_s()
         while True:
             heard = self._poll(step)
             now_s = self.bench.now_s() - began_s
@@ -165,6 +170,18 @@ class Runner:
                 if self._seeker is not None:
                     self._seeker.hold()
                 return False
+
+    def _arrive(self, step: Step) -> None:
+        """Wait for the end of the supervisor's ramp, as the device says; one without readback is believed."""
+        began_s = self.bench.now_s()
+        while True:
+            for reading in self._poll(step).readings[-1:]:
+                if not math.isfinite(reading.throttle) or abs(reading.throttle - self._throttle) <= ARRIVED:
+                    return
+            if self.bench.now_s() - began_s > ARRIVE_S:
+                raise DeviceError(f"step {step.step}: {ARRIVE_S:g} s after throttle {self._throttle:.3f} was asked "
+                                  "for the device does not say that it applies it: check the stand, then go on with "
+                                  "--resume")
 
     def _still(self, step: Step, heard: Heard) -> bool:
         """For a background the rotor must stand; a stand without rpm is taken by its thrust, which settles."""

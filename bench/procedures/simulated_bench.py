@@ -4,11 +4,13 @@ For rehearsals and for statistics over many seeds. It speaks the same wire bytes
 there is nothing to keep safe. The real chain, emulated or not, is in `hardware_bench.py`.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.procedures.bench import BenchInfo, Heard
 from bench.procedures.plan import Condition, PlanLimits, RigSettings
+from bench.thrust_stand.plant import load_plant
 from bench.thrust_stand.protocol import StandReading
 from saranga.echo import EchoCycle
 from saranga.errors import DeviceError
@@ -29,6 +31,7 @@ from saranga.wire import (
 
 if TYPE_CHECKING:
     from bench.rig.emulator import EmulatedDevice
+from bench.rig.noise_law import HUB_DISTANCE_M
 
 TICK_S = 0.02
 DEADLINE_MS = 200
@@ -49,6 +52,7 @@ class SimulatedBench:
     def __init__(self, device: "EmulatedDevice", rig: RigSettings, limits: PlanLimits, record: Path | None = None,
                  tick_s: float = TICK_S) -> None:
         self._device = device
+        self._noise = device.noise
         self._rig = rig
         self._limits = limits
         self._record = record
@@ -96,6 +100,12 @@ class SimulatedBench:
         return heard
 
     def mount(self, condition: Condition) -> None:
+        """The shield; here also another propeller (a name in fixtures/thrust) or distance, 1 / distance in pressure."""
+        if condition.propeller:
+            self._device.plant = load_plant(condition.propeller)
+        distance_m = condition.hub_distance_m or HUB_DISTANCE_M
+        louder = self._noise.hover_rms_counts * HUB_DISTANCE_M / distance_m
+        self._device.noise = replace(self._noise, hover_rms_counts=louder)
         self._device.mount(condition.shield)
 
     def trouble(self) -> str | None:
