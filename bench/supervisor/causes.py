@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 from bench.supervisor.emulated import EmulatedProcess
 
+PHASES = ("idle", "ramp", "hold", "ramp-down")
+SPINNING = PHASES[1:]
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -28,7 +31,7 @@ class Cause:
         mend: undoes what a resumed run could not live with.
         own_rig: the rig is a device of its own (else it shares the stand's port).
         under_pytest: the control process is a pytest with a time-out.
-        latches: a trip is left, which the operator has to clear before the run can be resumed.
+        latches: phases in which a trip is left that the operator has to clear before the run can be resumed.
     """
 
     name: str
@@ -36,7 +39,7 @@ class Cause:
     mend: Callable[[Stage], None] = lambda stage: None
     own_rig: bool = False
     under_pytest: bool = False
-    latches: bool = False
+    latches: tuple[str, ...] = ()
 
 
 def _send(number: signal.Signals) -> Callable[[Stage], None]:
@@ -65,10 +68,10 @@ CAUSES = {cause.name: cause for cause in (
     Cause("SIGKILL", _send(signal.SIGKILL)),
     # pytest-timeout's own alarm, sent early: a time-out that falls into the phase that is wanted.
     Cause("test timeout", _send(signal.SIGALRM), under_pytest=True),
-    # Stopped, it does nothing at all: as hung as a loop can be.
-    Cause("hung loop", _send(signal.SIGSTOP), _send(signal.SIGCONT), latches=True),
+    # Stopped, it does nothing at all: as hung as a loop can be. At idle that is allowed, and it goes on afterwards.
+    Cause("hung loop", _send(signal.SIGSTOP), _send(signal.SIGCONT), latches=SPINNING),
     Cause("rig unplugged", _unplug_rig, _plug_rig, own_rig=True),
     Cause("stand unplugged", lambda stage: stage.stand.order("unplug"), lambda stage: stage.stand.order("plug"),
-          latches=True),
+          latches=PHASES),
     Cause("supervisor killed", lambda stage: os.kill(stage.supervisor_pid, signal.SIGKILL)),
 )}

@@ -21,7 +21,7 @@ from typing import Any
 import psutil
 
 from bench.journal import read_journal
-from bench.supervisor.causes import CAUSES, Cause, Stage
+from bench.supervisor.causes import CAUSES, PHASES, Cause, Stage
 from bench.supervisor.control import last_words, read_outcome, run_has_devices, start_control, steps_said
 from bench.supervisor.control_process import STEPS, THROTTLE, run_folder
 from bench.supervisor.device_log import DeviceLog, phase
@@ -31,7 +31,6 @@ from bench.supervisor.log import FILE_NAME as SUPERVISOR_LOG
 from bench.verdict import Verdict
 from saranga.errors import BenchError, DeviceError, UsageError
 
-PHASES = ("idle", "ramp", "hold", "ramp-down")
 QUICK = (("SIGINT", "hold"), ("SIGTERM", "idle"), ("SIGHUP", "ramp-down"), ("SIGKILL", "hold"),
          ("test timeout", "ramp"), ("hung loop", "hold"), ("rig unplugged", "ramp-down"), ("stand unplugged", "hold"),
          ("supervisor killed", "ramp"))
@@ -256,11 +255,12 @@ def _judge_the_supervisors_log(cell: Cell, cause: Cause, folder: Path) -> None:
         cell.starved = True  # it had been cut off already, by a loop that did not get the processor
     latched = all_latches(run)
     names = [t.name for _, found in latched.values() for t in found]
-    if bool(names) != cause.latches:
+    wanted = cell.phase in cause.latches
+    if bool(names) != wanted:
         if max(cell.late_ms, cell.overslept_ms) > STARVED_MS and set(names) <= STARVATION_TRIPS:
             cell.starved = True
         elif not cell.starved:
-            cell.faults.append(f"latched trips {names}, expected {'some' if cause.latches else 'none'}")
+            cell.faults.append(f"latched trips {names}, expected {'some' if wanted else 'none'}")
     for path in latched:
         path.unlink()
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.provenance import git_state
-from bench.supervisor.causes import CAUSES
-from bench.supervisor.kill_matrix import DEAD_MAN_MS, LIMIT_MS, PHASES, QUICK, Cell, run_matrix
+from bench.supervisor.causes import CAUSES, PHASES
+from bench.supervisor.kill_matrix import DEAD_MAN_MS, LIMIT_MS, QUICK, Cell, run_matrix
 from bench.verdict import Verdict, worst
 from saranga.errors import UsageError
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.supervisor.causes import CAUSES
-from bench.supervisor.kill_matrix import PHASES, QUICK, Cell, run_matrix
+from bench.supervisor.causes import CAUSES, PHASES
+from bench.supervisor.kill_matrix import QUICK, Cell, run_matrix
 from bench.supervisor.matrix_report import table
 from bench.verdict import Verdict
 

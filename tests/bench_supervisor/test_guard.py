@@ -201,6 +201,14 @@ def test_a_target_from_before_the_trip_does_not_come_back_when_it_is_cleared() -
     assert bench.run(1.0) == 0.0 and bench.guard.state == "idle"
 
 
+def test_after_a_stop_nothing_can_be_asked_for() -> None:
+    bench = Bench()
+    bench.spin()
+    bench.guard.stop("done", bench.now_s)
+    bench.guard.set(0.5, bench.now_s)
+    assert bench.guard.target == 0 and bench.run(0.5) == 0.0
+
+
 def test_a_stop_is_confirmed_by_the_device_with_its_time() -> None:
     bench = Bench()
     bench.spin()
