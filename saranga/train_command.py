@@ -26,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="fixtures/training or a TOML path (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="checkpoint and log")
     parser.add_argument("--resume", action="store_true", help="go on with the checkpoint in --out")
-    parser.add_argument("--start", type=Path, metavar="CHECKPOINT", help="begin with the weights of another run")
+    parser.add_argument("--start", type=Path, metavar="CHECKPOINT|NAME",
+                        help="begin with the weights of another run, of a published .onnx, or of a shipped network")
     parser.add_argument("--minutes", type=float, metavar="M", help="end after so long, schedule and all")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="of PyTorch (default: %(default)s)")
     parser.add_argument("--feed-threads", type=int, default=1, metavar="N",

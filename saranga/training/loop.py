@@ -1,5 +1,6 @@
 """The training loop: from a recipe to a checkpoint, resumable at any time."""
 
+import itertools
 import json
 import math
 import time
@@ -15,15 +16,18 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saranga.errors import BenchError, DeviceError, UsageError
-from saranga.network import build_network, load_checkpoint, parameter_count, read_checkpoint
+from saranga.network import build_network, parameter_count, read_checkpoint
 from saranga.training.check import check_sets, strongest_edge_rate
 from saranga.training.feed import Feed
 from saranga.training.recipe import TrainingRecipe
+from saranga.training.start import start_from
 
 CHECKPOINT = "checkpoint.pt"
 LOG = "log.jsonl"
 SAVE_S = 60.0
 SAY_S = 10.0
+START_IMAGES = 512
+"""Images that the normalisation of a published network is taken from."""
 
 Say = Callable[[str], None]
 
@@ -40,7 +44,7 @@ class TrainingOptions:
         device: "cpu", "cuda", ...
         precision: "auto", "bf16" or "fp32".
         check_every: images between two looks at how well it does.
-        start: checkpoint whose weights the run begins with; None: random ones.
+        start: checkpoint or published network whose weights the run begins with (see `start_from`); None: random ones.
     """
 
     out: Path
@@ -87,7 +91,7 @@ def train(recipe: TrainingRecipe, options: TrainingOptions, say: Say = print) ->
     elif path.exists():
         raise UsageError(f"{path} exists: add --resume to go on with it, or choose another --out")
     elif options.start is not None:
-        state.started_from = _weights_of(options.start, recipe, network)
+        state.started_from = start_from(options.start, recipe.network.architecture, network, _some_inputs(recipe))
     options.out.mkdir(parents=True, exist_ok=True)
     network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     half = _half_precision(options.precision, device)
@@ -237,6 +241,16 @@ def _optimiser(recipe: TrainingRecipe, network: nn.Module) -> torch.optim.Optimi
     return kind(network.parameters(), lr=o.rate, weight_decay=o.weight_decay)
 
 
+def _some_inputs(recipe: TrainingRecipe) -> Tensor:
+    """The recipe's first images, at least START_IMAGES of them."""
+    first = Feed(recipe)
+    try:
+        batches = itertools.islice(first, math.ceil(START_IMAGES / recipe.optimiser.batch))
+        return torch.cat([torch.from_numpy(batch.inputs) for batch in batches])
+    finally:
+        first.close()
+
+
 def _input_kind(recipe: TrainingRecipe) -> str:
     return "tracks" if recipe.network.architecture == "tracks" else "envelope"
 
@@ -250,17 +264,6 @@ def _restore(path: Path, recipe: TrainingRecipe, network: nn.Module, optimiser: 
     network.load_state_dict(content["weights"])
     optimiser.load_state_dict(content["optimiser"])
     return State(**content["state"])
-
-
-def _weights_of(path: Path, recipe: TrainingRecipe, network: nn.Module) -> dict[str, Any]:
-    content = read_checkpoint(path)
-    if content["architecture"] != recipe.network.architecture:
-        raise UsageError(f"checkpoint {path} is of architecture {content['architecture']!r}, the recipe wants "
-                         f"{recipe.network.architecture!r}: start from one of its kind")
-    network.load_state_dict(load_checkpoint(path).state_dict())
-    state = content["state"]
-    return {"recipe_sha256": content["recipe_sha256"], "images_seen": state["images"],
-            "started_from": state.get("started_from")}
 
 
 def _device(name: str) -> torch.device:
