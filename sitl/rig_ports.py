@@ -47,7 +47,7 @@ class PtyPort:
     @property
     def busy(self) -> bool:
         """Whether something is still on its way: what is written now would be dropped."""
-        return bool(self._rest)
+        return bool(self._rest) and self.listening
 
     def write(self, data: bytes) -> None:
         """Send, or drop and count."""

@@ -14,7 +14,7 @@ from saranga.byte_links import ByteLink
 from saranga.echo import EchoCycle, sound_speed_m_s
 from saranga.errors import DeviceError, UsageError
 from saranga.recording import FrameWriter
-from saranga.sources import HELLO_REPEAT_S, LinkSource, rig_link
+from saranga.sources import HELLO_REPEAT_S, HELLO_TIMEOUT_S, LinkSource, rig_link
 from saranga.wire import (
     FLAG_BOOT,
     FLAG_OVERRUN,
@@ -32,7 +32,7 @@ from saranga.wire import (
     Stop,
 )
 
-ANSWER_S = 5.0
+ANSWER_S = 10.0
 REOPEN_S = 0.2
 LINK_TEST = 1
 ASSUMED_TEMPERATURE_C = 20.0
@@ -68,7 +68,7 @@ class Rig(LinkSource):
     """
 
     def __init__(self, link: ByteLink, *, record: Path | None = None, metadata: dict[str, str] | None = None,
-                 reconnect_s: float = 10.0, silence_s: float = 2.0, hello_timeout_s: float = ANSWER_S,
+                 reconnect_s: float = 10.0, silence_s: float = 2.0, hello_timeout_s: float = HELLO_TIMEOUT_S,
                  temperature_c: float | None = None, now: Callable[[], float] = time.monotonic,
                  sleep: Callable[[float], None] = time.sleep) -> None:
         super().__init__(link, hello_timeout_s=hello_timeout_s, now=now)

@@ -47,6 +47,8 @@ STAND_PERIOD_US = 20_000
 LONGEST_STEP_S = 0.1
 UNSUPPORTED, BAD_CONFIG, DEAD_MAN = 1, 2, 3
 LINK_TEST = 1
+USUAL_SAMPLES = 340
+"""The longest record of the sensors' general-purpose firmware, at ODR 6 (hardware.md)."""
 Truth = Callable[[dict[str, Any]], None]
 
 
@@ -114,8 +116,9 @@ class EmulatedDevice:
                 "stand": self.plant is not None}
 
     def warm_up(self) -> None:
-        """Compile and fill what the first frame would wait for; changes nothing that is heard later."""
+        """Compile and fill what the first frame, and the usual CONFIG, would wait for; changes nothing heard later."""
         self._hear().record(self._sensors.roles[0], 0.0, False, np.random.default_rng(0))
+        BenchAcoustics(self._sensors, self.faults, self._reflector, self._seed, 6, USUAL_SAMPLES)
 
     def rotor_rms_counts(self) -> float:
         """RMS |IQ| that the propeller makes at the sensors right now, the quiet floor left out."""

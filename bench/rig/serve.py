@@ -19,6 +19,8 @@ from sitl.rig_ports import PtyPort, TcpPort
 
 TICK_S = 0.002
 BACKLOG_US = 500_000
+QUEUE_BYTES = 1_000_000
+"""What waits for a host that does not keep up, some seconds; more is dropped, and the sequence numbers show it."""
 
 
 class RigPort(Protocol):
@@ -169,7 +171,7 @@ def serve(device: EmulatedDevice, port: RigPort, truth: TruthFile, began_s: floa
     """Run the device in wall time until `stop()` or the order to quit. `began_s` is its time 0, monotonic."""
     orders = orders or Orders(None)
     say = say or (lambda text: print(text, file=sys.stderr, flush=True))
-    by_hand = True
+    by_hand, waiting = True, b""
     while not stop():
         t_us = round((time.monotonic() - began_s) * 1e6)
         for order in orders.take():
@@ -190,8 +192,13 @@ def serve(device: EmulatedDevice, port: RigPort, truth: TruthFile, began_s: floa
                 say(f"refused {order}: orders are shield NAME, unplug, plug, quit")
         plugged = by_hand and device.plugged(t_us)
         port.plug(plugged)
-        # A hung device leaves its bytes in the cable, an unplugged one has none.
-        answer = device.receive(port.read(), t_us)
-        if answer and plugged:
-            port.write(answer)
+        # The device lives on, and its dead-man with it, whether the cable is in or not.
+        said = device.receive(port.read(), t_us)
+        waiting = waiting + said if plugged else b""
+        if len(waiting) > QUEUE_BYTES:
+            truth({"t_us": t_us, "event": "dropped", "bytes": len(waiting)})
+            waiting = b""
+        if waiting and not port.busy:
+            port.write(waiting)
+            waiting = b""
         time.sleep(TICK_S)
