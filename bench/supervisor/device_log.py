@@ -62,12 +62,15 @@ class DeviceLog:
 
 
 def phase(log: DeviceLog, full: float) -> str:
-    """Where in a step the device is: idle, ramp, hold, ramp-down, or "" in between (nothing is fired there)."""
+    """Where in a step the device is: idle, ramp, hold, ramp-down, or "" in between (nothing is fired there).
+
+    Idle counts once it has spun: the idle before the first ramp may end any moment.
+    """
     recent = log.applied[-6:]
     if len(recent) < 6:
         return ""
     if all(v == IDLE for v in recent):
-        return "idle"
+        return "idle" if max(log.applied) > IDLE else ""
     if all(abs(v - full) < 1e-6 for v in recent):
         return "hold"
     rising = all(b >= a for a, b in itertools.pairwise(recent)) and recent[-1] > recent[0]

@@ -93,6 +93,6 @@ def test_the_device_log_knows_phases_and_when_idle_began(tmp_path: Path) -> None
         file.write('{"t_s": 9.0, "event": "comm')
         file.flush()
         log.read()
-    assert seen == ["idle", "ramp", "hold", "ramp-down", "idle"]
+    assert seen == ["ramp", "hold", "ramp-down", "idle"]
     assert log.idle_since_s() == pytest.approx(31 * 0.02) and log.dead_man_s == [pytest.approx(0.62)]
     assert log.last_command_before(0.62) == pytest.approx(0.60)
