@@ -155,7 +155,8 @@ class DaskWorkers:
                 if cancelled():
                     return
                 try:
-                    ready = distributed.wait(list(flying), timeout=POLL_S, return_when="FIRST_COMPLETED").done
+                    with self._client.as_current():
+                        ready = distributed.wait(list(flying), timeout=POLL_S, return_when="FIRST_COMPLETED").done
                 except TimeoutError:
                     continue
                 for future in ready:
