@@ -24,7 +24,7 @@ def polar(result: dict[str, Any]) -> str:
 
     points = result["points"]
     figure = Figure(figsize=(13.0, 5.2), layout="constrained")
-    fan = figure.add_subplot(1, 2, 1, projection="polar")
+    fan: Any = figure.add_subplot(1, 2, 1, projection="polar")
     fan.set_theta_zero_location("N")
     fan.set_theta_direction(-1)
     fan.set_thetamin(-90)
