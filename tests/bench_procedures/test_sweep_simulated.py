@@ -247,9 +247,9 @@ def _coverage(root: Path, seeds: range) -> tuple[int, int, float]:
 
 
 def test_intervals_cover_what_was_given_over_a_few_seeds(tmp_path: Path) -> None:
-    hits, total, bias_db = _coverage(tmp_path, range(1, 7))
-    assert total == 12
-    assert hits >= 9  # fewer happen once in 450 times at 95 %
+    hits, total, bias_db = _coverage(tmp_path, range(1, 5))
+    assert total == 8
+    assert hits >= 6  # fewer happen once in 170 times at 95 %
     assert bias_db < 0.5
 
 
