@@ -32,6 +32,7 @@ class Cause:
         own_rig: the rig is a device of its own (else it shares the stand's port).
         under_pytest: the control process is a pytest with a time-out.
         latches: phases in which a trip is left that the operator has to clear before the run can be resumed.
+        survived_in: phases in which the run rightly goes on by itself once the cause has passed.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Cause:
     own_rig: bool = False
     under_pytest: bool = False
     latches: tuple[str, ...] = ()
+    survived_in: tuple[str, ...] = ()
 
 
 def _send(number: signal.Signals) -> Callable[[Stage], None]:
@@ -69,7 +71,8 @@ CAUSES = {cause.name: cause for cause in (
     # pytest-timeout's own alarm, sent early: a time-out that falls into the phase that is wanted.
     Cause("test timeout", _send(signal.SIGALRM), under_pytest=True),
     # Stopped, it does nothing at all: as hung as a loop can be. At idle that is allowed, and it goes on afterwards.
-    Cause("hung loop", _send(signal.SIGSTOP), _send(signal.SIGCONT), latches=SPINNING),
+    Cause("hung loop", _send(signal.SIGSTOP), _send(signal.SIGCONT), latches=SPINNING,
+          survived_in=("idle",)),
     Cause("rig unplugged", _unplug_rig, _plug_rig, own_rig=True),
     Cause("stand unplugged", lambda stage: stage.stand.order("unplug"), lambda stage: stage.stand.order("plug"),
           latches=PHASES),

@@ -1,4 +1,4 @@
-"""The control process of the kill matrix: a real noise sweep, four steps long, on an emulated device.
+"""The control process of the kill matrix: a real noise sweep, six steps long, on an emulated device.
 
 `python -m bench.supervisor.control_process STAND_URL RIG_URL|- FOLDER`: begins the sweep in FOLDER, or goes on with it.
 """
@@ -19,7 +19,7 @@ from saranga.errors import BenchError
 
 THROTTLE = 0.4
 TABLES: dict[str, Any] = {
-    "name": "kill matrix", "procedure": "noise", "blocks": 2, "drift_check": False, "mount_s": 0.0,
+    "name": "kill matrix", "procedure": "noise", "blocks": 3, "drift_check": False, "mount_s": 0.0,
     "levels": {"throttles": [THROTTLE]}, "rig": {"frames": 20, "rate_hz": 40.0, "samples": 64},
     "settle": {"least_s": 0.2, "most_s": 1.0, "window_s": 0.2, "per_second": 1.0},
     "limits": {"throttle": 0.6, "thrust_n": 20.0, "current_a": 60.0, "slew_per_s": 1.0},
@@ -27,7 +27,7 @@ TABLES: dict[str, Any] = {
 
 
 def tiny_plan() -> NoisePlan:
-    """Two blocks of motor off, motor on: every phase comes twice."""
+    """Blocks of motor off, motor on; as many as the verdict asks for, so that it passes when nothing disturbs it."""
     plan = plan_from_tables(TABLES, "kill matrix")
     assert isinstance(plan, NoisePlan)
     return plan

@@ -67,6 +67,7 @@ class Cell:
     began_s: float = math.nan
     """When the phase was there, monotonic."""
     resumed: bool = False
+    verdict_resumed: str | None = None
     starved: bool = False
     """Trips that only a machine too busy to run the processes can explain."""
     faults: list[str] = field(default_factory=list)
@@ -221,7 +222,8 @@ def _look_at_what_is_left(cell: Cell, process: "subprocess.Popen[bytes]", folder
         cell.control_exit = process.wait(EXIT_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         cell.faults.append(f"the control process did not end within {EXIT_TIMEOUT_S:g} s")
-    if cell.control_exit == 0:
+    cut_off = cell.phase not in CAUSES[cell.cause].survived_in
+    if cell.control_exit == 0 and cut_off:
         cell.faults.append("the control process ended with 0, as if all were well")
     outcome = read_outcome(folder)
     cell.steps_kept, cell.verdict_of_run = len(outcome.steps), outcome.verdict
@@ -229,7 +231,7 @@ def _look_at_what_is_left(cell: Cell, process: "subprocess.Popen[bytes]", folder
     if outcome.error or lost or outcome.damaged_lines:
         cell.faults.append(f"record: {outcome.error or ''} finished steps lost: {sorted(lost)}, damaged lines: "
                            f"{outcome.damaged_lines}")
-    if outcome.verdict in ("PASS", "MARGINAL"):
+    if outcome.verdict in ("PASS", "MARGINAL") and cut_off:
         cell.faults.append(f"the run that was cut off says {outcome.verdict}")
 
 
@@ -275,6 +277,7 @@ def _resume(cell: Cell, process: "subprocess.Popen[bytes]", folder: Path) -> Non
     except subprocess.TimeoutExpired:
         code = None
     outcome = read_outcome(folder)
+    cell.verdict_resumed = outcome.verdict
     cell.resumed = outcome.state == "finished" and outcome.steps == list(range(STEPS))
     run = run_folder(folder)
     tripped = {t.name for _, found in all_latches(run).values() for t in found} if run is not None else set()

@@ -44,6 +44,12 @@ def test_the_throttle_idles_and_the_run_can_go_on(quick_cells: dict[tuple[str, s
     judge(quick_cells[cause, phase])
 
 
+@pytest.mark.timeout(600)
+def test_the_same_plan_passes_once_it_has_come_to_its_end(quick_cells: dict[tuple[str, str], Cell]) -> None:
+    """Else "never PASS" would say nothing."""
+    assert [cell for cell in quick_cells.values() if cell.verdict_resumed == "PASS"]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_the_rest_of_the_matrix_holds(tmp_path: Path) -> None:
