@@ -50,6 +50,7 @@ class Numbers(NamedTuple):
     psnr_image: bool
     level: Pair
     drift_db: Pair
+    own_band: float
     speckle: float
     multiplicative: Pair
     lost: float
@@ -122,7 +123,7 @@ def numbers(recipe: Recipe, geometry: SonarGeometry, roles: Sequence[str], bandw
         partial=obstacles["partial_probability"], absorption_db=air["absorption_db_m"], directivity=air["directivity"],
         bandwidths=np.array(bandwidths_hz, dtype=np.float64), responses=len(recipe["echo"]["responses"]),
         psnr_db=noise["psnr_db"], psnr_image=noise["psnr_reference"] == "image", level=(level[0], level[1]),
-        drift_db=noise["drift_db"], speckle=noise["speckle_probability"],
+        drift_db=noise["drift_db"], own_band=noise["own_band_probability"], speckle=noise["speckle_probability"],
         multiplicative=noise["speckle_multiplicative"], lost=recipe["rows"]["lost_probability"],
         start=recipe["rows"]["start_probability"], ring=recipe["ring_down"]["probability"],
         ring_db=recipe["ring_down"]["gain_db"], free_scale=image["scale"] == "free",

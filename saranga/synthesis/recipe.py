@@ -60,7 +60,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "psnr_db": Key("range", -30.0, 60.0), "psnr_reference": Key("choice", choices=("newest", "image")),
         "level_counts": Key("range", 1.0, 20_000.0), "drift_db": Key("range", -20.0, 20.0),
         "bank_rows": Key("whole", 16, 65_536), "speckle_probability": Key("number", 0.0, 1.0),
-        "speckle_multiplicative": Key("range", 0.0, 3.0),
+        "speckle_multiplicative": Key("range", 0.0, 3.0), "own_band_probability": Key("number", 0.0, 1.0),
     },
     "rows": {"lost_probability": Key("number", 0.0, 0.5), "start_probability": Key("number", 0.0, 1.0)},
     "ring_down": {"probability": Key("number", 0.0, 1.0), "gain_db": Key("range", -60.0, 40.0)},

@@ -147,7 +147,8 @@ def render(  # type: ignore[no-untyped-def]
     speckle, want_iq = scene[MODEL] == 1.0, iq.shape[0] > 0
     noise = white if speckle else bank
     noise_re, noise_im, starts = noise[0], noise[1], noise[2]
-    group = int(scene[BAND]) if noise[3] else below(state, starts.shape[0] - 1)
+    own = n.own_band > 0.0 and unit(state) < n.own_band
+    group = int(scene[BAND]) if noise[3] and not own else below(state, starts.shape[0] - 1)
     group = min(group, starts.shape[0] - 2)
     rows_from, rows_in, period = starts[group], starts[group + 1] - starts[group], noise_re.shape[1]
     variants = obstacle[:, VARIANT]
