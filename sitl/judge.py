@@ -70,8 +70,8 @@ class Judgement:
 class Judge:
     """Watches one flight. Obstacles and nets count from the first `update` on, goal and clock from `start_course`.
 
-    A hit after the goal, while landing, still counts; anything else that ends the flight is final. Between updates
-    the pose is taken to move evenly. The ground is never a hit.
+    An obstacle hit after the goal, while landing, still counts; a net touched then is said and does not: the course
+    ends at the goal, and a room may have less behind it than stopping takes. All else is final. Between updates the pose is taken to move evenly. The ground is never a hit.
     """
 
     def __init__(self, scene: Scene, airframe: AirframeVolume | None = None) -> None:
@@ -93,6 +93,7 @@ class Judge:
         self._part: str | None = None
         self._obstacle: int | None = None
         self.reached_goal = False
+        self._net_after_goal = False
 
     @property
     def finished(self) -> bool:
@@ -185,9 +186,14 @@ class Judge:
         pos = self._memory[POS:POS + 3]
         when = f"at {self._memory[SPEED]:.2f} m/s" + (" after the goal" if self.reached_goal else "")
         if code == 2:
-            name, self._part = self._struck_part(sphere, _NET_NORMALS[what])
-            self._finish("net_hit", f"{name} hit the {NET_SIDES[what]} at x {pos[0]:.2f} m, y {pos[1]:.2f} m {when}",
-                         t_us)
+            name, part = self._struck_part(sphere, _NET_NORMALS[what])
+            text = f"{name} hit the {NET_SIDES[what]} at x {pos[0]:.2f} m, y {pos[1]:.2f} m {when}"
+            if not self.reached_goal:
+                self._part = part
+                self._finish("net_hit", text, t_us)
+            elif not self._net_after_goal and self._end is not None:
+                self._net_after_goal = True
+                self._end = (self._end[0], f"{self._end[1]}; {text}", self._end[2])
             return
         self._obstacle = int(self._scene.solid_owner[what])
         name, self._part = self._struck_part(sphere, self._towards(what, sphere))

@@ -17,14 +17,18 @@ Beyond the paper (all off with `paper=True`), because the sonar forgets what it 
   its elevation: most of what stands in the way is upright;
 - soft: the lateral command falls off over the outer half of `delta_max_m`, so that a dodge does not overshoot into
   the next obstacle;
+- brake: in front of an obstacle that blocks the way, no faster than it can stop at `brake_m_s2`: K_x alone hardly
+  slows a vehicle at 2 m/s before it is too near to dodge;
+- quick: above 1 m/s the lateral command grows with the root of the speed, as there is less time for the same dodge;
+- ease: the forward speed rises by `ease_m_s2` at most, so that the echoes walk evenly enough to be summed;
 - guard: more than `max_lateral_m` off the course axis (dead reckoned), an obstacle that is nearly dead ahead is passed
   on the side of the axis, and one already to the side is passed without moving further out, for nets that echo too
   little to be seen.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from math import exp, hypot, isfinite
+from dataclasses import dataclass, fields, replace
+from math import exp, hypot, isfinite, sqrt
 
 from saranga.localise import Obstacle
 from saranga.navigate.base import VelocityCommand
@@ -61,6 +65,9 @@ class PotentialParameters:
         flip_rad: azimuth error that the hysteresis must withstand: delta grows to flip_rad times the range.
         pass_m: off-path distance at which an obstacle can be passed without a dodge (airframe and a margin).
         abeam_m: lateral distance at which an obstacle alongside still blocks moving towards it.
+        brake_m_s2: deceleration that is counted on in front of what blocks the way.
+        stop_m: distance from the sensors at which it would stop.
+        ease_m_s2: how fast the forward speed may rise.
         max_lateral_m: distance off the course axis beyond which only the way back is chosen.
     """
 
@@ -80,6 +87,9 @@ class PotentialParameters:
     flip_rad: float = 0.25
     pass_m: float = 0.28
     abeam_m: float = 0.45
+    brake_m_s2: float = 1.5
+    stop_m: float = 0.35
+    ease_m_s2: float = 0.7
     max_lateral_m: float = 1.5
 
     def __post_init__(self) -> None:
@@ -134,6 +144,7 @@ class Potential:
     def decide(self, obstacles: Sequence[Obstacle], t_us: int) -> VelocityCommand:
         """Velocity for the obstacles seen at `t_us`."""
         p = self.parameters
+        since_s = 0.0 if self._t_us is None else max(0.0, (t_us - self._t_us) * 1e-6)
         seen = [_Point(o.x_m, o.y_m, o.z_m, t_us) for o in obstacles]
         if p.paper:
             self._points = seen
@@ -149,6 +160,8 @@ class Potential:
             command = self._dodge(threat)
         if not p.paper:
             command = self._keep_clear_alongside(command)
+            most = max(self._command.vx_m_s, 0.0) + p.ease_m_s2 * since_s
+            command = replace(command, vx_m_s=min(command.vx_m_s, most))
         self._command = command
         return command
 
@@ -167,6 +180,8 @@ class Potential:
         vx = p.desired_speed_m_s - p.k_x * threat.x / r**3
         vx = min(p.desired_speed_m_s, max(p.vx_min_m_s, vx))
         off = threat.off_path_m
+        if not p.paper and off < p.pass_m:
+            vx = min(vx, max(p.vx_min_m_s, sqrt(2.0 * p.brake_m_s2 * max(threat.x - p.stop_m, 0.0))))
         delta_m = p.delta_m if p.paper else max(p.delta_m, p.flip_rad * r)
         if off > delta_m or self._side is None:
             self._side = self._away(threat, 0.0 if p.paper else delta_m)
@@ -180,6 +195,8 @@ class Potential:
                 self._side = (lateral, vertical)
             elif off > p.pass_m:
                 lateral = 0.0
+        if not p.paper:
+            strength *= sqrt(max(1.0, p.desired_speed_m_s))
         return VelocityCommand(vx, p.k_y_m_s * lateral * strength, p.k_z_m_s * vertical * strength)
 
     def _is_homing(self) -> bool:
