@@ -21,10 +21,37 @@ def command(policy: Policy, *obstacles: Obstacle, t_us: int = 0) -> VelocityComm
     return policy.decide(list(obstacles), t_us)
 
 
+def at_speed(**parameters: float | bool) -> Policy:
+    """A policy that has been at its desired speed, so that easing off the mark does not show."""
+    policy = load_policy("saranga", **{"ease_m_s2": 1e3, **parameters})
+    command(policy, t_us=-2_000_000)
+    command(policy, t_us=-1_000_000)
+    return policy
+
+
 @pytest.mark.parametrize("paper", [True, False])
 def test_free_path_is_flown_at_the_desired_speed(paper: bool) -> None:
-    policy = load_policy("saranga", paper=paper, desired_speed_m_s=1.5)
-    assert command(policy) == VelocityCommand(1.5, 0.0, 0.0)
+    assert command(at_speed(paper=paper, desired_speed_m_s=1.5)) == VelocityCommand(1.5, 0.0, 0.0)
+
+
+def test_the_forward_speed_rises_slowly_and_falls_at_once() -> None:
+    policy = load_policy("saranga", desired_speed_m_s=2.0, ease_m_s2=0.7)
+    speeds = [command(policy, t_us=k * 100_000).vx_m_s for k in range(40)]
+    assert speeds[0] == 0.0 and speeds[-1] == 2.0
+    assert all(b - a <= 0.07 + 1e-9 for a, b in pairwise(speeds)) and speeds[10] == pytest.approx(0.7)
+    assert command(policy, at(0.4, 0.0), t_us=4_000_000).vx_m_s < 0.6
+
+
+def test_no_faster_towards_what_blocks_the_way_than_it_can_stop() -> None:
+    # 1 m ahead, stopping 0.35 m before it at 1.5 m/s2: sqrt(2 * 1.5 * 0.65) = 1.396 m/s
+    blocked, beside = (command(at_speed(desired_speed_m_s=2.0, k_x=0.0), at(1.0, y)).vx_m_s for y in (0.0, 0.4))
+    assert blocked == pytest.approx(1.396, abs=1e-3) and beside == 2.0
+    assert command(at_speed(desired_speed_m_s=2.0, k_x=0.0, paper=True), at(1.0, 0.0)).vx_m_s == 2.0
+
+
+def test_a_faster_vehicle_dodges_quicker() -> None:
+    slow, fast = (command(at_speed(desired_speed_m_s=v), at(0.8, 0.1)).vy_m_s for v in (1.0, 2.0))
+    assert slow == pytest.approx(-0.8) and fast == pytest.approx(-0.8 * 2.0**0.5)
 
 
 def test_equation_15_by_hand() -> None:
@@ -35,7 +62,7 @@ def test_equation_15_by_hand() -> None:
 
 
 def test_speed_is_zero_at_the_square_root_of_gain_over_speed() -> None:
-    assert command(load_policy("saranga", k_x=0.09), at(0.3, 0.0)).vx_m_s == pytest.approx(0.0, abs=1e-9)
+    assert command(at_speed(k_x=0.09, paper=True), at(0.3, 0.0)).vx_m_s == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("x", [0.1, 1e-3, 0.0])
@@ -44,7 +71,7 @@ def test_forward_speed_is_clamped_however_near(x: float) -> None:
 
 
 def test_braking_grows_as_the_obstacle_nears() -> None:
-    speeds = [command(load_policy("saranga"), at(x, 0.1)).vx_m_s for x in (1.5, 1.0, 0.6, 0.4, 0.3)]
+    speeds = [command(at_speed(), at(x, 0.1)).vx_m_s for x in (1.5, 1.0, 0.6, 0.4, 0.3)]
     assert all(a > b for a, b in pairwise(speeds))
 
 
@@ -126,7 +153,7 @@ def test_the_lateral_command_falls_off_as_the_obstacle_clears() -> None:
 
 def test_memory_moves_with_the_vehicle() -> None:
     # last seen 1 m ahead; 0.5 s on, at about 0.9 m/s, it is about 0.56 m ahead: V_x = 1 - 0.06 * 0.56 / 0.57^3 = 0.82
-    policy = load_policy("saranga", memory_s=2.0, response_s=0.05, k_y_m_s=0.0, k_x=0.06)
+    policy = at_speed(memory_s=2.0, response_s=0.05, k_y_m_s=0.0, k_x=0.06, brake_m_s2=1e3)
     command(policy, at(1.05, 0.1), t_us=-TICK_US)
     speeds = [command(policy, at(1.0, 0.1)).vx_m_s]
     speeds += [command(policy, t_us=k * TICK_US).vx_m_s for k in range(1, 9)]

@@ -342,17 +342,17 @@ def test_only_what_the_judge_cannot_see_can_be_declared(tmp_path):
         Judge(scene_of(tmp_path)).fail("clean", "trust me")
 
 
-def test_overshooting_the_goal_into_the_net_is_not_clean(tmp_path):
+def test_a_net_touched_after_the_goal_is_said_and_does_not_count(tmp_path):
     scene = scene_of(tmp_path)
     judge = fly(scene)
-    duration_s = judge.result().duration_s
+    before = judge.result()
     judge.update(11_000_000, np.array([10.95, 0.0, -1.0]), LEVEL)
+    judge.update(11_100_000, np.array([10.96, 0.0, -1.0]), LEVEL)
     result = judge.result()
-    assert result.outcome == "net_hit"
-    assert "after the goal" in result.cause
-    assert judge.reached_goal
+    assert judge.reached_goal and result.outcome == "clean" and result.part is None
+    assert result.cause.startswith(before.cause) and result.cause.count("after the goal") == 1
     assert result.path_length_m == pytest.approx(8.0, abs=0.003)
-    assert result.duration_s > duration_s
+    assert result.duration_s == before.duration_s
 
 
 def test_same_flight_same_judgement_to_the_bit(tmp_path):
