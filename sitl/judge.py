@@ -71,8 +71,8 @@ class Judge:
     """Watches one flight. Obstacles and nets count from the first `update` on, goal and clock from `start_course`.
 
     An obstacle hit after the goal, while landing, still counts; a net touched then is said and does not: the course
-    ends at the goal, and a room may have less behind it than stopping takes. All else is final. Between updates the pose
-    is taken to move evenly. The ground is never a hit.
+    ends at the goal, and a room may have less behind it than stopping takes. All else is final. Between updates
+    the pose is taken to move evenly. The ground is never a hit.
     """
 
     def __init__(self, scene: Scene, airframe: AirframeVolume | None = None) -> None:
