@@ -13,13 +13,13 @@ from bench.supervisor.kill_matrix import QUICK, Cell, run_matrix
 from bench.supervisor.matrix_report import table
 from bench.verdict import Verdict
 
-pytestmark = [pytest.mark.xdist_group("kill_matrix"), pytest.mark.wall_time]
+pytestmark = pytest.mark.wall_time
 REST = [(cause, phase) for cause in CAUSES for phase in PHASES if (cause, phase) not in QUICK]
 
 
 @pytest.fixture(scope="module")
 def quick_cells(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], Cell]:
-    found = run_matrix(QUICK, tmp_path_factory.mktemp("matrix") / "cells", jobs=3)
+    found = run_matrix(QUICK, tmp_path_factory.mktemp("matrix") / "cells", jobs=2)
     print(table(found))
     return {(cell.cause, cell.phase): cell for cell in found}
 
