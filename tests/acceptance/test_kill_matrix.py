@@ -13,7 +13,7 @@ from bench.supervisor.kill_matrix import QUICK, Cell, run_matrix
 from bench.supervisor.matrix_report import table
 from bench.verdict import Verdict
 
-pytestmark = pytest.mark.wall_time
+pytestmark = [pytest.mark.wall_time, pytest.mark.xdist_group("wall_time")]
 REST = [(cause, phase) for cause in CAUSES for phase in PHASES if (cause, phase) not in QUICK]
 
 

@@ -17,7 +17,7 @@ from saranga.recording import read_recording
 from saranga.sources import FileSource, open_source
 from sitl.process import die_with_parent
 
-pytestmark = pytest.mark.wall_time
+pytestmark = [pytest.mark.wall_time, pytest.mark.xdist_group("wall_time")]
 ROOT = Path(__file__).resolve().parents[2]
 # A cold cache compiles the acoustics first, on a machine that may be busy.
 START_S = 200.0

@@ -11,7 +11,7 @@ from saranga.errors import DeviceError, UsageError
 from saranga.recording import read_recording
 from saranga.sources import FileSource, rig_link
 
-pytestmark = pytest.mark.wall_time
+pytestmark = [pytest.mark.wall_time, pytest.mark.xdist_group("wall_time")]
 
 
 def listen(rig: Rig, seconds: float) -> list:

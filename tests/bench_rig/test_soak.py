@@ -11,7 +11,7 @@ import pytest
 from bench.rig.driver import open_rig
 from sitl.process import die_with_parent
 
-pytestmark = pytest.mark.wall_time
+pytestmark = [pytest.mark.wall_time, pytest.mark.xdist_group("wall_time")]
 ROOT = Path(__file__).resolve().parents[2]
 SENSORS, RATE_HZ, SAMPLES = 3, 75.0, 340
 SOAK_S = float(os.environ.get("SARANGA_SOAK_S", "600"))

@@ -17,7 +17,7 @@ from saranga.errors import DeviceError, UsageError
 from saranga.framing import Decoder, encode
 from saranga.messages import Echo, Start, Throttle
 
-pytestmark = pytest.mark.wall_time
+pytestmark = [pytest.mark.wall_time, pytest.mark.xdist_group("wall_time")]
 LIMITS = Limits(thrust_n=20.0, current_a=60.0, throttle=0.6, slew_per_s=5.0)
 
 
