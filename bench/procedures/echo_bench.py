@@ -186,6 +186,13 @@ def mean_record(cycles: list[EchoCycle], role: str) -> tuple[NDArray[np.complex1
     return rows.mean(axis=0), frames[0].iq_rate_hz
 
 
+def mean_size(cycles: list[EchoCycle], role: str) -> NDArray[np.float64]:
+    """Mean |IQ| of a sensor's records, counts. Noise has no peak here; in `mean_record` the sample whose phase all
+    records are turned to stands out of mere noise, the more so the more records there are."""
+    return np.mean([np.hypot(f.iq[:, 0].astype(np.float64), f.iq[:, 1]) for c in cycles
+                    if (f := c.frames.get(role)) is not None], axis=0)
+
+
 def range_of_sample(index: float, iq_rate_hz: float, c_m_s: float) -> float:
     """Range of a sample, m."""
     return 0.5 * c_m_s * index / iq_rate_hz

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.procedures.echo_bench import EchoBench, Place, mean_record, range_of_sample
+from bench.procedures.echo_bench import EchoBench, Place, mean_record, mean_size, range_of_sample
 from bench.procedures.plan import EchoPlan
 from saranga.echo import FULL_SCALE, sound_speed_m_s
 from saranga.errors import DeviceError
@@ -35,7 +35,8 @@ def capture_echo(plan: EchoPlan, bench: EchoBench, recording: Path) -> dict[str,
     size = np.abs(row)
     blank = len(size) // 8
     peak = blank + int(np.argmax(size[blank:]))
-    over = float(size[peak] / max(float(np.median(size[blank:])), 1e-9))
+    loud = mean_size(cycles, plan.rig.sensor)
+    over = float(loud[peak] / max(float(np.median(loud[blank:])), 1e-9))
     range_m = range_of_sample(peak, rate_hz, c) - 0.5 * c * pulse_peak_delay_s(3980.0)
     if over < LEAST_OVER_MEDIAN:
         raise DeviceError(f"no echo stands out: the strongest is {over:.1f} times the median, {LEAST_OVER_MEDIAN:g} "
