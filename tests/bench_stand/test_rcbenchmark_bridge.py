@@ -92,6 +92,7 @@ def settled(stand: Any, applied: tuple[float, int]) -> None:
 
 def test_the_script_idles_the_motor_first_and_measures_in_si(application: Application, stand: Any) -> None:
     assert [output["us"] for output in application.outputs] == [1000]
+    settled(stand, (0.0, 0))  # until the script has said so, a reading does not know the throttle
     reading = stand.read(5.0)[-1]
     assert reading.thrust_n == pytest.approx(3.5 * 9.80665e-3)
     assert reading.torque_n_m == pytest.approx(0.01) and reading.vibration_m_s2 == pytest.approx(0.5 * 9.80665)
@@ -111,8 +112,8 @@ def test_the_scripts_dead_man_idles_the_motor_after_the_deadline(application: Ap
     on = application.wait_for(1250)
     settled(stand, (0.25, 7))
     settled(stand, (0.0, 0))
+    assert application.ends_at(1000)
     off = application.outputs[-1]
-    assert off["us"] == 1000
     assert 250 <= off["t_ms"] - on["t_ms"] <= 5000, "not before its deadline; much after only on a busy machine"
 
 
