@@ -151,6 +151,8 @@ def run_matrix(cells: Iterable[tuple[str, str]], folder: Path, stand: str = STAN
         DeviceError: the emulated devices do not come up.
     """
     wanted = list(cells)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # started by nohup: the sweeps would inherit that
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
     bays: SimpleQueue[Bay] = SimpleQueue()
 
     def one(number: int, attempt: int) -> Cell:

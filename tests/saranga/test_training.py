@@ -175,7 +175,7 @@ def test_ctrl_c_leaves_a_checkpoint(number: signal.Signals, tmp_path: Path) -> N
                 break
         time.sleep(0.5)
         process.send_signal(number)
-        assert process.wait(60) == 130
+        assert process.wait(200) == 130
     finally:
         process.kill()
     assert read_checkpoint(tmp_path / "checkpoint.pt")["state"]["images"] > 0

@@ -208,5 +208,5 @@ def test_a_bad_shield_file_is_named(tmp_path: Path, change: tuple[str, str], nam
 
 
 def test_unknown_shield_lists_the_known() -> None:
-    with pytest.raises(UsageError, match=r"'foam'.*foam, none, plastic"):
+    with pytest.raises(UsageError, match=r"'foam'.*composite, foam, .*none, plastic"):
         load_shield("foma")

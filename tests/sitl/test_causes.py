@@ -75,7 +75,8 @@ def test_every_echo_of_a_flight_is_traced_to_what_made_it(tmp_path: Path) -> Non
     struck = int(np.argmin([s.signed_distance_m(log.pos_m[-1:])[0] for s in scene.obstacles]))
     echo = last & (found.role == 0) & (found.obstacle == struck)
     gap_m = float(scene.obstacles[struck].signed_distance_m(log.pos_m[-1:])[0])
-    assert echo.sum() == 1 and found.path_m[echo][0] / 2.0 == pytest.approx(gap_m, abs=0.12)
+    # The first is the straight one; others have bounced off the ground on their way.
+    assert echo.any() and found.path_m[echo].min() / 2.0 == pytest.approx(gap_m, abs=0.12)
     assert set(np.unique(found.obstacle)) <= {NO_OBSTACLE, GROUND, *range(6)}
     target = tmp_path / "echoes.npz"
     found.save(target)
