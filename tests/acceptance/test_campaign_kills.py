@@ -1,6 +1,7 @@
 """Campaigns whose processes die: finished trials count, the rest is flown, nobody is left, the table is the same."""
 
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,10 @@ def test_a_killed_arducopter_costs_only_its_flight(tmp_path: Path) -> None:
         campaign = CampaignProcess(suite, tmp_path / f"runs-{kill}", "--jobs", "2", "--trials", "2")
         campaign.wait_for_trials(1)
         if kill:
-            autopilots = [p for p in campaign.family() if "--model" in command_of(p)]
+            autopilots: list[psutil.Process] = []
+            until = time.monotonic() + 60.0  # between two flights there is none
+            while not autopilots and time.monotonic() < until:
+                autopilots = [p for p in campaign.family() if "--model" in command_of(p)]
             assert autopilots, "no arducopter flew"
             autopilots[0].kill()
         _, summary = campaign.finish()
