@@ -1,11 +1,12 @@
 """Figures of a comparison of denoisers (`python -m saranga evaluate`), as SVG text: curves and example images."""
 
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bench.svg_figure import plain_axes, svg_text
 
 RANGE_M = 1.66
 FIRST = ("saranga", "tbd", "tv-l1", "tv-l1-sg", "gaussian", "tdlms")
@@ -43,7 +44,7 @@ def rate_curves(tree: Mapping[str, Any], key: str) -> str:
         axes.set_ylim(-0.02, 1.03)
     panels[0].set_ylabel("hits within 5 cm")
     panels[0].legend(fontsize=8.5, frameon=False, loc="lower right")
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def paper_curves(tree: Mapping[str, Any], kind: str) -> str:
@@ -62,7 +63,7 @@ def paper_curves(tree: Mapping[str, Any], kind: str) -> str:
         axes.set_title(f"{title}{f', {unit}' if unit else ''}", fontsize=11)
         axes.set_xlabel("PSNR, dB")
     panels[1].legend(fontsize=8.5, frameon=False)
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def cost(tree: Mapping[str, Any], kind: str, psnr: str) -> str:
@@ -85,7 +86,7 @@ def cost(tree: Mapping[str, Any], kind: str, psnr: str) -> str:
     axes.set_ylim(-0.02, 1.03)
     axes.set_xlabel("ms an image, one thread, median")
     axes.set_ylabel(f"hits within 5 cm at {psnr} dB")
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def example(image: NDArray[np.float32], edges: NDArray[np.float32], methods: Sequence[str],
@@ -120,7 +121,7 @@ def example(image: NDArray[np.float32], edges: NDArray[np.float32], methods: Seq
     for axes in panels[:-1]:
         axes.set_xticklabels([])
     panels[-1].set_xlabel("range, m")
-    return _svg(figure)
+    return svg_text(figure)
 
 
 def _kinds(tree: Mapping[str, Any]) -> list[str]:
@@ -144,18 +145,5 @@ def _figure(panels: int, size: tuple[float, float], rows: bool = False,
     grid = figure.subplots(panels if rows else 1, 1 if rows else panels, squeeze=False,
                            gridspec_kw={"height_ratios": heights} if heights else None)
     axes = list(grid.ravel())
-    for one in axes:
-        one.grid(alpha=0.25)
-        one.spines[["top", "right"]].set_visible(False)
-        one.tick_params(labelsize=9)
+    plain_axes(axes)
     return figure, axes
-
-
-def _svg(figure: Any) -> str:
-    import matplotlib as mpl
-
-    file = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "saranga-bench", "font.family": "sans-serif"}):
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    text = file.getvalue()
-    return text[text.index("<svg"):]

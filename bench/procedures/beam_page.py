@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from bench.page import write_page_file
-from bench.procedures.sweep_figures import svg_text
+from bench.svg_figure import svg_text
 
 
 def write_beam_page(folder: Path, result: dict[str, Any]) -> Path:

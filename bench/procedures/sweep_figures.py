@@ -1,6 +1,5 @@
 """Figures of a sweep as SVG text: noise over thrust with fits and bands, losses, spectra, drift and mounting."""
 
-import io
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bench.procedures.hover import READINGS_KGF, STANDARD_GRAVITY_M_S2
+from bench.svg_figure import plain_axes, svg_text
 
 COLOURS = ("#00798c", "#d1495b", "#e0902f", "#6a4c93", "#6b8e23", "#30638e", "#9c6644", "#c77dff")
 REFERENCE_COLOUR = "#3d4657"
@@ -205,22 +205,8 @@ def _figure(panels: int, size: tuple[float, float], widths: Sequence[float] | No
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(1, panels, squeeze=False, gridspec_kw={"width_ratios": widths} if widths else None)
     axes = list(grid.ravel())
-    for one in axes:
-        one.grid(alpha=0.25)
-        one.spines[["top", "right"]].set_visible(False)
-        one.tick_params(labelsize=9)
+    plain_axes(axes)
     return figure, axes
-
-
-def svg_text(figure: Any) -> str:
-    """The figure as SVG, the same bytes for the same data."""
-    import matplotlib as mpl
-
-    file = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "saranga-bench", "font.family": "sans-serif"}):
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    text = file.getvalue()
-    return text[text.index("<svg"):]
 
 
 def finite(value: float | None) -> bool:

@@ -36,25 +36,13 @@ class RigPort(Protocol):
     def close(self) -> None: ...
 
 
-class PluggablePty:
-    """A pty under a name that stays, as /dev/serial/by-id does when a cable is pulled and put in again."""
+class _Pluggable:
+    """What both ports share: nothing comes and nothing goes while the cable is out."""
 
-    def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="saranga-rig-")
-        self._link = Path(self._folder.name) / "rig"
-        self.url = f"serial://{self._link}"
-        self._port: PtyPort | None = None
-        self.plug(True)
+    _port: PtyPort | TcpPort | None = None
 
     def plug(self, plugged: bool) -> None:
-        if plugged and self._port is None:
-            self._port = PtyPort()
-            self._link.unlink(missing_ok=True)
-            self._link.symlink_to(self._port.path)
-        elif not plugged and self._port is not None:
-            self._link.unlink(missing_ok=True)
-            self._port.close()
-            self._port = None
+        raise NotImplementedError
 
     @property
     def busy(self) -> bool:
@@ -69,15 +57,40 @@ class PluggablePty:
 
     def close(self) -> None:
         self.plug(False)
+
+
+class PluggablePty(_Pluggable):
+    """A pty under a name that stays, as /dev/serial/by-id does when a cable is pulled and put in again."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="saranga-rig-")
+        self._link = Path(self._folder.name) / "rig"
+        self.url = f"serial://{self._link}"
+        self.plug(True)
+
+    def plug(self, plugged: bool) -> None:
+        if plugged and self._port is None:
+            port = PtyPort()
+            self._port = port
+            self._link.unlink(missing_ok=True)
+            self._link.symlink_to(port.path)
+        elif not plugged and self._port is not None:
+            self._link.unlink(missing_ok=True)
+            self._port.close()
+            self._port = None
+
+    def close(self) -> None:
+        super().close()
         self._folder.cleanup()
 
 
-class PluggableTcp:
+class PluggableTcp(_Pluggable):
     """A TCP port of the loopback that refuses connections while the cable is out."""
 
     def __init__(self, number: int = 0) -> None:
-        self._port: TcpPort | None = TcpPort(number)
-        self.url = self._port.url
+        port = TcpPort(number)
+        self._port = port
+        self.url = port.url
         self._number = int(self.url.rpartition(":")[2])
 
     def plug(self, plugged: bool) -> None:
@@ -86,20 +99,6 @@ class PluggableTcp:
         elif not plugged and self._port is not None:
             self._port.close()
             self._port = None
-
-    @property
-    def busy(self) -> bool:
-        return self._port is not None and self._port.busy
-
-    def read(self) -> bytes:
-        return self._port.read() if self._port is not None else b""
-
-    def write(self, data: bytes) -> None:
-        if self._port is not None:
-            self._port.write(data)
-
-    def close(self) -> None:
-        self.plug(False)
 
 
 def open_port(kind: str) -> RigPort:
