@@ -34,6 +34,9 @@ class FlightSensors:
     Args:
         seed: of the noise.
         system_id: the vehicle's own, so that the messages count as coming from aboard.
+
+    Attributes:
+        flow_enabled, range_enabled, flow_quality (0..255), range_offset_m: what a fault changes.
     """
 
     def __init__(self, seed: int, system_id: int = 1) -> None:
@@ -46,6 +49,8 @@ class FlightSensors:
         self._carry = [0.0, 0.0]
         self.flow_enabled = True
         self.range_enabled = True
+        self.flow_quality = 255
+        self.range_offset_m = 0.0
 
     def step(self, state: VehicleState) -> bytes:
         """Bytes due at this physics tick, mostly none."""
@@ -79,11 +84,12 @@ class FlightSensors:
         self._samples = 0
         if not self.flow_enabled:
             return b""
-        message = mavlink.MAVLink_optical_flow_message(t_us, 0, counts[0], counts[1], 0.0, 0.0, 255, range_m)
+        message = mavlink.MAVLink_optical_flow_message(t_us, 0, counts[0], counts[1], 0.0, 0.0, self.flow_quality, range_m)
         return message.pack(self._mav)
 
     def _distance(self, t_us: int, range_m: float) -> bytes:
-        measured_m = max(range_m + RANGE_NOISE_M * float(self._rng.standard_normal()), RANGE_MIN_M)
+        noise_m = RANGE_NOISE_M * float(self._rng.standard_normal())
+        measured_m = max(range_m + self.range_offset_m + noise_m, RANGE_MIN_M)
         if not self.range_enabled:
             return b""
         message = mavlink.MAVLink_distance_sensor_message(

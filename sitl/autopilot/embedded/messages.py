@@ -192,6 +192,20 @@ def distance_sensor(v: Vehicle) -> Any | None:
         mavlink.MAV_SENSOR_ROTATION_PITCH_270, 0)
 
 
+def optical_flow(v: Vehicle) -> Any | None:
+    if v.flow_rate_rad_s is None:
+        return None
+    x, y = v.flow_rate_rad_s
+    height = max(float(v.estimate[at.RANGE_Z]), 0.0) if math.isfinite(float(v.estimate[at.RANGE_Z])) else 0.0
+    return mavlink.MAVLink_optical_flow_message(boot_ms(v), 0, 0, 0, x * height, y * height, v.flow_quality, height,
+                                                x, y)
+
+
+def vibration(v: Vehicle) -> Any:
+    """Its inertial sensors have white noise only, no vibration."""
+    return mavlink.MAVLink_vibration_message(v.t_us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
 def autopilot_version(v: Vehicle) -> Any:
     capabilities = (mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
                     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -214,6 +228,8 @@ BUILDERS: dict[int, Callable[[Vehicle], Any | None]] = {
     mavlink.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
+    mavlink.MAVLINK_MSG_ID_OPTICAL_FLOW: optical_flow,
+    mavlink.MAVLINK_MSG_ID_VIBRATION: vibration,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,

@@ -97,6 +97,16 @@ DEFINITIONS = (
     Definition("AHRS_ORIG_LAT", 0.0, -90.0, 90.0, REAL, "deg, origin when nobody sets one (0 = wait for one)"),
     Definition("AHRS_ORIG_LON", 0.0, -180.0, 180.0, REAL, "deg, likewise"),
     Definition("AHRS_ORIG_ALT", 0.0, -500.0, 9000.0, REAL, "m, likewise"),
+    # What it cannot do otherwise, under ArduCopter's names: only these values are taken.
+    Definition("EK3_SRC1_POSXY", 0.0, 0.0, 0.0, INT8, "no horizontal position source"),
+    Definition("EK3_SRC1_VELXY", 5.0, 5.0, 5.0, INT8, "velocity from optical flow"),
+    Definition("EK3_SRC1_POSZ", 1.0, 1.0, 1.0, INT8, "height as ArduCopter's fixture has it"),
+    Definition("EK3_SRC1_YAW", 1.0, 1.0, 1.0, INT8, "heading from the compass"),
+    Definition("COMPASS_ENABLE", 1.0, 1.0, 1.0, INT8, "it has a compass"),
+    Definition("COMPASS_USE", 1.0, 1.0, 1.0, INT8, "and uses it"),
+    Definition("BATT_MONITOR", 4.0, 4.0, 4.0, INT8, "voltage and current of the physics"),
+    Definition("LOG_BACKEND_TYPE", 0.0, 0.0, 0.0, INT8, "it keeps no log"),
+    Definition("FLTMODE_GCSBLOCK", 0.0, 0.0, 0.0, INT32, "no mode is closed to ground stations"),
     # Behaviour.
     Definition("GUID_TIMEOUT", 3.0, 0.1, 5.0, REAL, "s without a setpoint before the vehicle brakes"),
     Definition("LAND_SPEED", 40.0, 30.0, 200.0, INT16, "cm/s"),

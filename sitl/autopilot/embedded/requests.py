@@ -41,6 +41,7 @@ class Requests:
             "REQUEST_DATA_STREAM": self._data_stream, "TIMESYNC": self._timesync, "PING": self._ping,
             "SET_GPS_GLOBAL_ORIGIN": self._origin,
             "SET_POSITION_TARGET_GLOBAL_INT": self._global_target, "FILE_TRANSFER_PROTOCOL": self._file_transfer,
+            "LOG_REQUEST_LIST": self._log_list,
         }
         self._commands: dict[int, Callable[[Parameters7], tuple[int, str | None]]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm, mavlink.MAV_CMD_NAV_TAKEOFF: self._takeoff,
@@ -224,6 +225,10 @@ class Requests:
     def _ping(self, m: Any) -> None:
         if m.target_system == 0:
             self._send(mavlink.MAVLink_ping_message(m.time_usec, m.seq, m.get_srcSystem(), m.get_srcComponent()))
+
+    def _log_list(self, m: Any) -> None:
+        """It keeps no log: an empty list."""
+        self._send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _file_transfer(self, m: Any) -> None:
         """There are no files: say so at once, so that ground stations need not wait for it."""

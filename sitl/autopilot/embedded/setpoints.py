@@ -83,6 +83,7 @@ def read_flow(vehicle: Vehicle, payload: bytes, interval_s: float) -> None:
         return
     _, _, _, _, flow_x, flow_y, _, quality, _, _ = _FLOW.unpack(payload)
     vehicle.flow_quality = quality
+    vehicle.flow_rate_rad_s = flow_x * interval_s, flow_y * interval_s
     if quality < MIN_FLOW_QUALITY:
         return
     command = vehicle.command

@@ -32,6 +32,7 @@ class Vehicle:
         t_us: since boot.
         armed, landed, mode: what they say; `landed` is ArduPilot's land_complete.
         landing, taking_off: for EXTENDED_SYS_STATE.
+        flow_quality, flow_rate_rad_s: as the sensor last said; None before it did.
         origin: (latitude deg, longitude deg, altitude m) or None.
     """
 
@@ -55,6 +56,7 @@ class Vehicle:
         self.used_mah = 0.0
         self.failsafe = ""
         self.flow_quality = 0
+        self.flow_rate_rad_s: tuple[float, float] | None = None
         self.texts: deque[tuple[int, str]] = deque(maxlen=100)
         self._said: dict[str, int] = {}
 
