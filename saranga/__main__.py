@@ -23,7 +23,9 @@ the air; leave GUIDED on the transmitter to take over at any time.
 
   python -m saranga run --echoes serial:///dev/ttyACM0 --vehicle serial:///dev/ttyS0?baud=921600
   python -m saranga run --echoes tcp://127.0.0.1:7000 --vehicle tcp://127.0.0.1:5760 --speed 1.0
+  python -m saranga run --echoes serial:///dev/ttyACM0 --vehicle serial:///dev/ttyS0?baud=921600 --sign-key key
 
+--sign-key: MAVLink 2 signing; everything that is not signed with the same key is ignored (docs/companion.md).
 Ctrl-C sends one last "stop" and ends. Exit codes: 0 ended by Ctrl-C or SIGTERM, 2 bad input, 4 a device failed.
 """
 
@@ -37,7 +39,9 @@ def _parser() -> argparse.ArgumentParser:
                      help="serial:///dev/ttyACM0, tcp://host:port or file:recording.mcap")
     run.add_argument("--vehicle", required=True, metavar="URL",
                      help="serial:///dev/ttyS0?baud=921600, tcp://host:port, udpin://host:port, udpout://host:port")
-    run.add_argument("--denoiser", default="tbd", help="by name (default: %(default)s)")
+    run.add_argument("--sign-key", type=Path, metavar="FILE",
+                     help="sign MAVLink and hear only what is signed: 64 hexadecimal digits or 32 raw bytes")
+    run.add_argument("--denoiser", default="tbd", help="by name, or MODULE:NAME (default: %(default)s)")
     run.add_argument("--stack", default="saranga",
                      help="policy: saranga, batdeck, none or MODULE:NAME (default: %(default)s)")
     run.add_argument("--sonar", help="name in fixtures/sonars or a TOML path (default: the policy's own, else pair)")
@@ -61,12 +65,14 @@ def _run(arguments: argparse.Namespace) -> int:
     from saranga.denoise import load_denoiser
     from saranga.echo import load_sonar
     from saranga.navigate import load_policy, sonar_of
+    from saranga.signing import load_sign_key
     from saranga.sources import open_source
     from saranga.stack import Stack
     from saranga.transport import open_transport
 
     if not 0.0 < arguments.speed <= 3.0:
         raise UsageError(f"--speed {arguments.speed:g} m/s: must be over 0 and at most 3 m/s")
+    sign_key = load_sign_key(arguments.sign_key) if arguments.sign_key is not None else None
     geometry = load_sonar(arguments.sonar or sonar_of(arguments.stack))
     fixed = arguments.temperature is not None
     stack = Stack(load_denoiser(arguments.denoiser), load_policy(arguments.stack, desired_speed_m_s=arguments.speed),
@@ -78,7 +84,7 @@ def _run(arguments: argparse.Namespace) -> int:
         source.open()
         companion = Companion(stack, source, vehicle, arguments.log,
                               say=lambda line: print(line, file=sys.stderr, flush=True),
-                              follow_temperature=not fixed)
+                              follow_temperature=not fixed, sign_key=sign_key)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda received, _: companion.stop(signal.Signals(received).name))
         reason = companion.run()

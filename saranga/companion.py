@@ -54,14 +54,16 @@ class Companion:
         log: one JSON line a tick is appended here when given.
         say: where a status line a second goes.
         follow_temperature: take the air's temperature from the rig's STATUS, where it measures one.
+        sign_key: of MAVLink 2 signing, 32 bytes; what is not signed with it is not heard.
     """
 
     def __init__(self, stack: Stack, source: EchoSource, vehicle: ByteLink, log: Path | None = None,
-                 say: Callable[[str], None] = print, follow_temperature: bool = False) -> None:
+                 say: Callable[[str], None] = print, follow_temperature: bool = False,
+                 sign_key: bytes | None = None) -> None:
         self.stack = stack
         self.source = source
         self.vehicle = vehicle
-        self.link = VehicleLink()
+        self.link = VehicleLink(sign_key=sign_key)
         self.tally = Tally()
         self._say = say
         self._log: TextIO | None = log.open("a", encoding="utf-8") if log else None
@@ -112,8 +114,10 @@ class Companion:
         self.link.feed(self.vehicle.read(0.0), t_us)
         heard = self.link.status.heartbeat_us
         if heard is None and elapsed_s > FIRST_HEARTBEAT_S:
+            refused = self.link.bad_messages
             raise DeviceError(f"vehicle: no heartbeat of system {self.link.target_system} in {FIRST_HEARTBEAT_S:g} s: "
-                              "is the autopilot on this port and its system id right?")
+                              "is the autopilot on this port and its system id right?" + (
+                                  f" {refused} frames were damaged or not signed with the key" if refused else ""))
         if heard is not None and t_us - heard > VEHICLE_SILENT_S * 1e6:
             raise DeviceError(f"vehicle silent for {(t_us - heard) / 1e6:.1f} s (limit {VEHICLE_SILENT_S:g} s): "
                               "check the MAVLink cable or port")

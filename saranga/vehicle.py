@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from saranga.navigate.base import VelocityCommand
+from saranga.signing import SigningMavlink
 
 # Velocity and yaw rate are used, position, acceleration and yaw are ignored.
 VELOCITY_TYPE_MASK = 0b010111000111
@@ -75,11 +76,14 @@ class VehicleLink:
         system_id: our own system id (the vehicle's own id for a companion, 255 for a ground station).
         component_id: ours; 191 is the onboard computer.
         target_system: the vehicle we listen to and command.
+        sign_key: 32 bytes: sign what is sent, hear only what is signed with them (`saranga.signing`). None: neither.
     """
 
     def __init__(self, system_id: int = 1, component_id: int = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER,
-                 target_system: int = 1, vehicle_type: int = mavlink.MAV_TYPE_ONBOARD_CONTROLLER) -> None:
-        self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+                 target_system: int = 1, vehicle_type: int = mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                 sign_key: bytes | None = None) -> None:
+        self._signing = SigningMavlink(system_id, component_id, sign_key) if sign_key is not None else None
+        self._mav = self._signing or mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
         self._mav.robust_parsing = True
         self._vehicle_type = vehicle_type
         self.target_system = target_system
@@ -93,7 +97,7 @@ class VehicleLink:
             "EKF_STATUS_REPORT": self._on_ekf, "EXTENDED_SYS_STATE": self._on_extended,
             "LOCAL_POSITION_NED": self._on_position, "STATUSTEXT": self._on_text,
             "COMMAND_ACK": self._on_ack, "PARAM_VALUE": self._on_parameter,
-            "AUTOPILOT_VERSION": self._on_version,
+            "AUTOPILOT_VERSION": self._on_version, "TIMESYNC": self._on_timesync,
         }
 
     # ---- bytes -----------------------------------------------------------------------------------
@@ -128,6 +132,8 @@ class VehicleLink:
 
     def send(self, message: Any) -> None:
         """Queue any MAVLink message of the ardupilotmega dialect."""
+        if self._signing is not None:
+            self._signing.advance_clock()
         self._out += message.pack(self._mav)
 
     # ---- requests --------------------------------------------------------------------------------
@@ -210,6 +216,11 @@ class VehicleLink:
     def _on_version(self, message: Any, t_us: int) -> None:
         self.status.firmware_version = message.flight_sw_version
         self.status.firmware_hash = bytes(message.flight_custom_version).rstrip(b"\0").decode("ascii", "replace")
+
+    def _on_timesync(self, message: Any, t_us: int) -> None:
+        """The vehicle asks what time it is here: the caller's microseconds, as in `time_boot_ms` of the setpoints."""
+        if message.tc1 == 0:
+            self.send(mavlink.MAVLink_timesync_message(max(t_us, 1) * 1000, message.ts1))
 
 
 def version_text(packed: int | None) -> str:
