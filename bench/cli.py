@@ -62,7 +62,9 @@ def fly(
     stack: Annotated[
         str, typer.Option(help="saranga, batdeck, none (straight ahead), or MODULE:NAME.")
     ] = "saranga",
-    denoiser: Annotated[str, typer.Option(help="tbd (track-before-detect), gaussian, ...")] = "tbd",
+    denoiser: Annotated[
+        str, typer.Option(help="tbd (track-before-detect), saranga, gaussian, ..., or MODULE:NAME.")
+    ] = "tbd",
     shield: Annotated[str, typer.Option(help="Name in fixtures/shields, a path, or a sweep's run folder.")] = "foam",
     sonar: Annotated[
         str | None, typer.Option(help="Name in fixtures/sonars, or a path [the stack's own, else pair].")

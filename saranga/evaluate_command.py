@@ -31,7 +31,7 @@ CONSENSUS = "consensus"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    parser.add_argument("--denoisers", metavar="A,B", help="by name (default: all that can be loaded)")
+    parser.add_argument("--denoisers", metavar="A,B", help="by name or MODULE:NAME (default: all that can be loaded)")
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout in place of tables")
     parser.add_argument("--out", type=Path, metavar="DIR",
                         help="write evaluation.json and examples.npz there; they must not exist yet")

@@ -73,7 +73,7 @@ def model_file(weights: str, precision: str) -> ModelFile:
 
 
 def weights_sha256(denoiser: str, weights: str = "saranga") -> str | None:
-    """SHA-256 of the weights that a denoiser of this name uses by default; None for one that has none.
+    """SHA-256 of the weights that a denoiser of this name uses by default; None for one that has none, or MODULE:NAME.
 
     Raises:
         UsageError: unknown denoiser, or weights that are missing.
@@ -81,6 +81,8 @@ def weights_sha256(denoiser: str, weights: str = "saranga") -> str | None:
     from saranga import denoise
     from saranga.plugins import plugins
 
+    if ":" in denoiser:
+        return None
     known = plugins(denoise)
     if denoiser not in known:
         raise UsageError(f"unknown denoiser {denoiser!r}: known are {', '.join(known)}")
