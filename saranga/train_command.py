@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, metavar="M", help="end after so long, schedule and all")
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="of PyTorch (default: %(default)s)")
     parser.add_argument("--feed-threads", type=int, default=1, metavar="N",
-                        help="that draw images; a GPU wants 8 or more (default: %(default)s)")
+                        help="that draw images (default: %(default)s)")
+    parser.add_argument("--feed-processes", type=int, default=0, metavar="N",
+                        help="draw in N processes instead of threads; a GPU wants 8 or more (default: %(default)s)")
     parser.add_argument("--device", default="cpu", help="cpu, cuda, ... (default: %(default)s)")
     parser.add_argument("--precision", choices=("auto", "bf16", "fp32"), default="auto",
                         help="auto: bf16 where the hardware has it (default: %(default)s)")
@@ -45,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsageError: a bad option, recipe or checkpoint, or PyTorch is not installed. DeviceError: training failed.
     """
-    for name, low, high in (("threads", 1, 256), ("feed_threads", 1, 256), ("check_every", 1, 10**9)):
+    for name, low, high in (("threads", 1, 256), ("feed_threads", 1, 256), ("feed_processes", 0, 256),
+                            ("check_every", 1, 10**9)):
         if not low <= getattr(arguments, name) <= high:
             raise UsageError(f"--{name.replace('_', '-')} is {getattr(arguments, name)}: it must be in {low}..{high}")
     if arguments.resume and arguments.start is not None:
@@ -60,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     except ImportError as error:
         raise UsageError(f"training needs PyTorch ({error}): pip install 'saranga-bench[train]'") from error
     options = TrainingOptions(arguments.out, arguments.resume, arguments.minutes, arguments.threads,
-                              arguments.feed_threads, arguments.device, arguments.precision, arguments.check_every,
-                              arguments.start)
+                              arguments.feed_threads, arguments.feed_processes, arguments.device, arguments.precision,
+                              arguments.check_every, arguments.start)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a checkpoint
     try:
         path = train(recipe, options, say=lambda line: print(line, file=sys.stderr, flush=True))

@@ -1,10 +1,11 @@
 """The training loop: from a recipe to a checkpoint, resumable at any time."""
 
+import contextlib
 import itertools
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from torch.nn import functional
 from saranga.errors import BenchError, DeviceError, UsageError
 from saranga.network import build_network, parameter_count, read_checkpoint
 from saranga.training.check import check_sets, strongest_edge_rate
-from saranga.training.feed import Feed
+from saranga.training.feed import Feed, TrainingBatch
+from saranga.training.feed_processes import feed_from_processes
 from saranga.training.recipe import TrainingRecipe
 from saranga.training.start import start_from
 
@@ -41,6 +43,7 @@ class TrainingOptions:
         resume: go on from the checkpoint in `out`.
         minutes: end by then, with the rate falling in time for it; None: all images of the recipe.
         threads, feed_threads: of PyTorch and of the drawing of images.
+        feed_processes: draw in so many processes instead of in threads; 0: in threads.
         device: "cpu", "cuda", ...
         precision: "auto", "bf16" or "fp32".
         check_every: images between two looks at how well it does.
@@ -52,6 +55,7 @@ class TrainingOptions:
     minutes: float | None = None
     threads: int = 2
     feed_threads: int = 1
+    feed_processes: int = 0
     device: str = "cpu"
     precision: str = "auto"
     check_every: int = 50_000
@@ -83,6 +87,7 @@ def train(recipe: TrainingRecipe, options: TrainingOptions, say: Say = print) ->
     torch.manual_seed(recipe.data.seed)
     device = _device(options.device)
     network = build_network(recipe.network.architecture)
+    network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = _optimiser(recipe, network)
     state = State()
     path = options.out / CHECKPOINT
@@ -93,17 +98,19 @@ def train(recipe: TrainingRecipe, options: TrainingOptions, say: Say = print) ->
     elif options.start is not None:
         state.started_from = start_from(options.start, recipe.network.architecture, network, _some_inputs(recipe))
     options.out.mkdir(parents=True, exist_ok=True)
-    network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     half = _half_precision(options.precision, device)
     say(f"{recipe.network.name}: {parameter_count(network) / 1e6:.3f} M parameters, {recipe.images:,} images, "
         f"{'bf16' if half else 'fp32'} on {device}, {options.threads} threads")
-    feed = Feed(recipe, options.feed_threads, state.images // recipe.optimiser.batch)
+    first = state.images // recipe.optimiser.batch
     run = _Run(recipe, options, network, optimiser, state, device, half, say)
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.callback(run.save)
+        if options.feed_processes:
+            feed = feed_from_processes(recipe, options.feed_processes, first)
+        else:
+            threads = stack.enter_context(contextlib.closing(Feed(recipe, options.feed_threads, first)))
+            feed = iter(threads)
         run.loop(feed)
-    finally:
-        feed.close()
-        run.save()
     return path
 
 
@@ -117,7 +124,7 @@ class _Run:
         self.first_images, self.first_s = state.images, state.elapsed_s
         self.check_at = (state.images // options.check_every + 1) * options.check_every
 
-    def loop(self, feed: Feed) -> None:
+    def loop(self, feed: Iterator[TrainingBatch]) -> None:
         saved = said = time.monotonic()
         losses: list[float] = []
         for batch in feed:

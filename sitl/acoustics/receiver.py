@@ -1,5 +1,7 @@
 """The sensor's own part: pulse, gain, ring-down, noise, saturation, int16.
 
+`record_of` does it all in one call; the rest are its parts.
+
 The pulse is `saranga.pulse`: p(t) = exp(-(t - 2.5 s)^2 / (2 s^2)), s = 66.6 us at 3.98 kHz. An echo with delay tau
 reads A p(t - tau) exp(-2j pi fop tau) and, moving, turns with its Doppler shift about its peak; sample n lies at
 t = n / iq_rate. Gain: a large plane at 1 m on axis, in standard air, reads `counts_at_1m`.
@@ -14,6 +16,8 @@ WINDOW_SIGMAS = 4.0
 """Samples further from the peak are left out: 3e-4 of it."""
 RING_PHASE_RAD = 0.7
 INT16_MAX = 32767.0
+TURN_RAD = 2.0 * math.pi / 2.0**64
+"""A full turn over the numbers that are drawn."""
 
 
 def gain_counts(counts_at_1m: float, absorption_db_m: float) -> float:
@@ -116,3 +120,37 @@ def digitise(record, saturation_counts, out):  # type: ignore[no-untyped-def]
         out[n, 1] = np.int16(round(re))
     out[0, 0] = 0
     out[0, 1] = 0
+
+
+RECEIVER_FIELDS = ("gain_counts", "fop_hz", "iq_rate_hz", "sigma_s", "peak_s", "quiet_floor_counts",
+                   "ring_down_samples", "bandwidth_hz", "saturation_counts", "blade_pass_modulation")
+"""Of the array `record_of` takes."""
+
+
+@njit(cache=True)
+def record_of(arrivals, count, rings, receiver, bank, draws, first, power, turn_rad, swing_phase_rad, record, out):  # type: ignore[no-untyped-def]
+    """One sensor's record of a cycle.
+
+    Args:
+        arrivals, count: what is heard (see `add_echoes`); rings: whether this sensor transmits.
+        receiver: see RECEIVER_FIELDS.
+        bank: (rows, n) complex64; draws: uint64, of which `first` and the next two choose row, start and phase.
+        power: (4,) mean |IQ|^2 of each motor's noise; turn_rad, swing_phase_rad: see `add_swinging_noise`.
+        record: (n,) complex128, overwritten; out: (n, 2) int16.
+    """
+    gain, fop_hz, iq_rate_hz, sigma_s, peak_s, floor, ring_down_samples, bandwidth_hz, saturation, modulation = receiver
+    record[:] = 0.0
+    if count > 0:
+        add_echoes(record, arrivals, count, gain, fop_hz, iq_rate_hz, sigma_s, peak_s)
+    if rings:
+        add_ring_down(record, floor, ring_down_samples, iq_rate_hz, bandwidth_hz)
+    whole = 0.0
+    for m in range(power.shape[0]):
+        whole += power[m]
+    whole += floor * floor
+    swing = power * (modulation / max(whole, 1e-9))
+    row = bank[draws[first] % np.uint64(bank.shape[0])]
+    start = np.int64(draws[first + 1] % np.uint64(record.shape[0]))
+    phase_rad = np.float64(draws[first + 2]) * TURN_RAD
+    add_swinging_noise(record, row, start, math.sqrt(whole), phase_rad, swing, turn_rad, swing_phase_rad)
+    digitise(record, saturation, out)

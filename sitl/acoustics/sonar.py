@@ -16,8 +16,9 @@ from sitl.acoustics.edges import ready_edges
 from sitl.acoustics.flutter import MODES, films_of, flutter, mode_phases
 from sitl.acoustics.hearing import hear
 from sitl.acoustics.noise_model import NoiseModel
-from sitl.acoustics.receiver import add_echoes, add_ring_down, add_swinging_noise, digitise, gain_counts
-from sitl.acoustics.rotor_noise import BANK_ROWS, blade_pass_hz, noise_bank
+from sitl.acoustics.philox import philox
+from sitl.acoustics.receiver import TURN_RAD, gain_counts, record_of
+from sitl.acoustics.rotor_noise import blade_pass_hz, noise_bank
 from sitl.acoustics.scatter import ready_scatterers
 from sitl.acoustics.sensor_noise import SweptShare, bare_noise, sensor_noise
 from sitl.acoustics.shield import Shield
@@ -67,8 +68,11 @@ class AcousticModel:
         self._setting = np.array([fop, c, self.air.absorption_db_m / DB_PER_NEPER, geometry.bandwidth_hz,
                                   c * geometry.samples / geometry.iq_rate_hz])
         self._grid = piston_grid(2.0 * math.pi * fop / c, geometry.a_h_m, geometry.a_v_m)
-        self._sigma_s = pulse_sigma_s(geometry.bandwidth_hz)
-        self._peak_s = pulse_peak_delay_s(geometry.bandwidth_hz)
+        self._positions = {role: np.array(at) for role, at in geometry.positions_m.items()}
+        self._receiver = tuple(float(value) for value in (
+            self.gain_counts, fop, geometry.iq_rate_hz, pulse_sigma_s(geometry.bandwidth_hz),
+            pulse_peak_delay_s(geometry.bandwidth_hz), geometry.quiet_floor_counts, geometry.ring_down_samples,
+            geometry.bandwidth_hz, geometry.saturation_counts, self._airframe.blade_pass_modulation))
         self._bank = noise_bank(geometry.samples, geometry.iq_rate_hz,
                                 noise_bandwidth_hz or geometry.noise_bandwidth_hz or geometry.bandwidth_hz)
         self._hover_n = self._airframe.max_thrust_n * self._airframe.hover_throttle
@@ -78,6 +82,10 @@ class AcousticModel:
         mirrors = len(self._facets) * (len(self._facets) + len(self._cylinders))
         rows = len(primitives) + 1 + len(self._scatterers.points) + 2 * mirrors
         self._arrivals = np.empty((rows, ARRIVAL_COLUMNS))
+        self._record = np.empty(geometry.samples, dtype=np.complex128)
+        self._key = np.uint64(seed & 0xFFFFFFFFFFFFFFFF)
+        self._counter = np.array([0, NOISE_STREAM, 0, 0], dtype=np.uint64)
+        self._draws = np.empty(13, dtype=np.uint64)
 
     def with_geometry(self, **changes: Any) -> "AcousticModel":
         """The same world heard with other sensor settings, such as `odr=4, samples=128`."""
@@ -110,19 +118,19 @@ class AcousticModel:
         `t_us` and `thrust_n` (hovering if left out) matter to film under the wash alone.
         """
         thrust_n = np.full(4, self._hover_n) if thrust_n is None else thrust_n
-        return self._trace(role, pos_m, rotation_matrix(quat), vel_m_s, t_us, thrust_n).copy()
+        count = self._trace(role, pos_m, rotation_matrix(quat), vel_m_s, t_us, thrust_n)
+        return self._arrivals[:count].copy()
 
     def _trace(self, role: str, pos_m: NDArray[np.float64], rotation: NDArray[np.float64],
-               vel_m_s: NDArray[np.float64], t_us: int, thrust_n: NDArray[np.float64]) -> NDArray[np.float64]:
-        positions = self.geometry.positions_m
-        tx = pos_m + rotation @ np.array(positions[self.geometry.transmitter])
-        rx = pos_m + rotation @ np.array(positions[role])
+               vel_m_s: NDArray[np.float64], t_us: int, thrust_n: NDArray[np.float64]) -> int:
+        """Fill the first rows of `_arrivals`; returns how many."""
+        tx = pos_m + rotation @ self._positions[self.geometry.transmitter]
+        rx = pos_m + rotation @ self._positions[role]
         if len(self._films):
             wash = float(thrust_n.sum()) / (4.0 * self._hover_n)
             flutter(self._facets, self._still, self._films, self._film_phases, tx, t_us * 1e-6, wash)
-        count = hear(self._facets, self._cylinders, self._spheres, self._edges, *self._scatterers, tx, rx, rotation,
-                     vel_m_s, self._setting, self._grid, self._floor, self._arrivals)
-        return self._arrivals[:count]
+        return int(hear(self._facets, self._cylinders, self._spheres, self._edges, *self._scatterers, tx, rx, rotation,
+                        vel_m_s, self._setting, self._grid, self._floor, self._arrivals))
 
     def cycle(self, pos_m: NDArray[np.float64], quat: NDArray[np.float64], vel_m_s: NDArray[np.float64],
               thrust_n: NDArray[np.float64], t_us: int, *, receive_only: bool = False) -> dict[str, NDArray[np.int16]]:
@@ -141,27 +149,17 @@ class AcousticModel:
         if isinstance(self.shield, NoiseModel):
             self.swept.count(self.shield, thrust_n, self._hover_n)
         rotation = rotation_matrix(quat)
-        draws = np.random.Philox(key=self.seed & 0xFFFFFFFFFFFFFFFF, counter=[0, NOISE_STREAM, 0, t_us]).random_raw(13)
-        blades = blade_pass_hz(self._airframe, thrust_n) * (2.0 * math.pi / geometry.iq_rate_hz)
-        blade_phase = draws[9:] * (2.0 * math.pi / 2.0**64)
+        self._counter[3] = t_us
+        philox(self._key, self._counter, self._draws)
+        turn_rad = blade_pass_hz(self._airframe, thrust_n) * (2.0 * math.pi / geometry.iq_rate_hz)
+        swing_phase_rad = self._draws[9:] * TURN_RAD
         records = {}
         for k, role in enumerate(geometry.roles):
-            record = np.zeros(geometry.samples, dtype=np.complex128)
-            if not receive_only:
-                found = self._trace(role, pos_m, rotation, vel_m_s, t_us, thrust_n)
-                add_echoes(record, found, len(found), self.gain_counts, geometry.fop_hz, geometry.iq_rate_hz,
-                           self._sigma_s, self._peak_s)
-                if role == geometry.transmitter:
-                    add_ring_down(record, geometry.quiet_floor_counts, geometry.ring_down_samples,
-                                  geometry.iq_rate_hz, geometry.bandwidth_hz)
-            row, start, phase = (int(draw) for draw in draws[3 * k:3 * k + 3])
-            power = self._noise[role].motor_power(thrust_n)
-            whole = float(power.sum()) + geometry.quiet_floor_counts**2
-            add_swinging_noise(record, self._bank[row % BANK_ROWS], start % geometry.samples, math.sqrt(whole),
-                               phase * (2.0 * math.pi / 2.0**64),
-                               power * (self._airframe.blade_pass_modulation / max(whole, 1e-9)), blades, blade_phase)
+            count = 0 if receive_only else self._trace(role, pos_m, rotation, vel_m_s, t_us, thrust_n)
+            rings = not receive_only and role == geometry.transmitter
             out = np.empty((geometry.samples, 2), dtype=np.int16)
-            digitise(record, geometry.saturation_counts, out)
+            record_of(self._arrivals, count, rings, self._receiver, self._bank, self._draws, 3 * k,
+                      self._noise[role].motor_power(thrust_n), turn_rad, swing_phase_rad, self._record, out)
             records[role] = out
         return records
 

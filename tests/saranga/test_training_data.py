@@ -11,6 +11,7 @@ from saranga.fixtures import fixture_path, load_toml
 from saranga.track_map import SHAPE
 from saranga.training.check import check_sets, strongest_edge_rate
 from saranga.training.feed import Feed, Sources, chosen, draw_batch, scene_numbers
+from saranga.training.feed_processes import feed_from_processes
 from saranga.training.recipe import TrainingRecipe, load_training_recipe, parse_training_recipe
 
 
@@ -64,6 +65,15 @@ def test_batches_do_not_depend_on_the_threads_nor_on_where_a_run_began() -> None
     np.testing.assert_array_equal(late[1].inputs, one[5].inputs)
     assert one[0].inputs.shape == (4, *SHAPE) and one[0].targets.shape == (4, 512)
     assert any(batch.targets.any() for batch in one)
+
+
+def test_processes_draw_the_same_batches_as_threads() -> None:
+    recipe = small()
+    threads, processes = list(Feed(recipe))[2:], list(feed_from_processes(recipe, 2, first=2))
+    assert len(processes) == 4
+    for a, b in zip(threads, processes, strict=True):
+        np.testing.assert_array_equal(a.inputs, b.inputs)
+        np.testing.assert_array_equal(a.targets, b.targets)
 
 
 def test_an_error_in_drawing_reaches_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
