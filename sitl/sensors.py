@@ -36,7 +36,8 @@ class FlightSensors:
         system_id: the vehicle's own, so that the messages count as coming from aboard.
 
     Attributes:
-        flow_enabled, range_enabled, flow_quality (0..255), range_offset_m: what a fault changes.
+        flow_enabled, range_enabled, flow_quality (0..255), flow_every (only each n-th comes), range_offset_m: what
+            a fault changes.
     """
 
     def __init__(self, seed: int, system_id: int = 1) -> None:
@@ -50,7 +51,9 @@ class FlightSensors:
         self.flow_enabled = True
         self.range_enabled = True
         self.flow_quality = 255
+        self.flow_every = 1
         self.range_offset_m = 0.0
+        self._flows = 0
 
     def step(self, state: VehicleState) -> bytes:
         """Bytes due at this physics tick, mostly none."""
@@ -82,9 +85,11 @@ class FlightSensors:
             counts.append(count)
         self._rate_sum = [0.0, 0.0]
         self._samples = 0
-        if not self.flow_enabled:
+        self._flows += 1
+        if not self.flow_enabled or self._flows % self.flow_every:
             return b""
-        message = mavlink.MAVLink_optical_flow_message(t_us, 0, counts[0], counts[1], 0.0, 0.0, self.flow_quality, range_m)
+        message = mavlink.MAVLink_optical_flow_message(t_us, 0, counts[0], counts[1], 0.0, 0.0, self.flow_quality,
+                                                       range_m)
         return message.pack(self._mav)
 
     def _distance(self, t_us: int, range_m: float) -> bytes:
