@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench import campaign_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
+from bench import campaign_cli, preflight_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
 from bench.supervisor import cli as supervisor_cli
 from saranga.errors import BenchError
 
@@ -24,6 +24,7 @@ app = typer.Typer(
 )
 app.add_typer(rig_cli.app, name="rig")
 app.add_typer(sitl_cli.app, name="sitl")
+app.add_typer(preflight_cli.app, name="preflight")
 app.add_typer(supervisor_cli.app, name="supervisor")
 app.add_typer(stand_cli.app, name="stand")
 runs_cli.add_commands(app)
