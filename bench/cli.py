@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench import campaign_cli, preflight_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
+from bench import campaign_cli, hil_cli, preflight_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
 from bench.supervisor import cli as supervisor_cli
 from saranga.errors import BenchError
 
@@ -29,6 +29,7 @@ app.add_typer(supervisor_cli.app, name="supervisor")
 app.add_typer(stand_cli.app, name="stand")
 runs_cli.add_commands(app)
 app.command(epilog=campaign_cli.EXAMPLES)(campaign_cli.campaign)
+app.command(epilog=hil_cli.EXAMPLES)(hil_cli.hil)
 sweep_cli.add_commands(app)
 
 FLY_EXAMPLES = f"""\b
@@ -65,7 +66,7 @@ def fly(
     ] = "saranga",
     denoiser: Annotated[
         str, typer.Option(help="tbd (track-before-detect), saranga, gaussian, ..., or MODULE:NAME.")
-    ] = "tbd",
+    ] = "saranga",
     shield: Annotated[str, typer.Option(help="Name in fixtures/shields, a path, or a sweep's run folder.")] = "foam",
     sonar: Annotated[
         str | None, typer.Option(help="Name in fixtures/sonars, or a path [the stack's own, else pair].")

@@ -62,6 +62,11 @@ def summarise(journal: Records) -> dict[str, Any]:
     judged = [t for t in trials if t["outcome"] not in NOT_JUDGED]
     metrics, limits = _metrics(trials, judged), [Limit(**d) for d in header.get("limits", [])]
     checks = [_check(limit, metrics, judged) for limit in limits]
+    hil = header.get("hil")
+    if hil is not None:
+        from bench.hil.summary import companion_checks
+
+        checks += companion_checks(hil, trials)
     errors = [r["error"] for r in journal.of("error")]
     if journal.damaged_lines:
         errors.append(f"journal lines {journal.damaged_lines} cannot be read")
@@ -73,7 +78,7 @@ def summarise(journal: Records) -> dict[str, Any]:
         verdict = _test_verdict(journal, bool(errors), interrupted)
     else:
         verdict = _verdict(trials, checks, planned, bool(errors), interrupted)
-    return {
+    summary = {
         "verdict": verdict.value,
         "outcomes": [_outcome(t, header.get("live", False)) for t in trials],
         "metrics": metrics,
@@ -89,6 +94,11 @@ def summarise(journal: Records) -> dict[str, Any]:
         "errors": errors,
         "warnings": [r["text"] for r in journal.of("warning")],
     }
+    if hil is not None:
+        from bench.hil.summary import with_companion
+
+        with_companion(summary, hil, trials)
+    return summary
 
 
 def exit_code(summary: dict[str, Any]) -> int:
@@ -204,6 +214,7 @@ def _outcome(trial: dict[str, Any], live: bool) -> dict[str, Any]:
         "autopilot",
         "timing",
         "link_counters",
+        "measures",
         "files",
     )
     return {key: trial.get(key) for key in keys} | {

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bench.baseline.inputs import world_inputs
 from bench.flight_summary import METRIC_UNITS, limit_to_dict, summarise, trial_verdict
 from bench.interrupt import Interrupts
 from bench.journal import FILE_NAME, Journal, open_journal, read_journal
@@ -32,7 +33,10 @@ Runner = Callable[[TrialRequest, Progress | None, Callable[[], bool] | None], Tr
 
 @dataclass(frozen=True)
 class FlyPlan:
-    """What to fly: `request` with each of `seeds`, held to `limits`; `record` writes Rerun recordings."""
+    """What to fly: `request` with each of `seeds`, held to `limits`; `record` writes Rerun recordings.
+
+    `runner` flies a trial in another way than `live` says; `hil` goes to the journal's header (`bench.hil.summary`).
+    """
 
     request: TrialRequest
     seeds: tuple[int, ...]
@@ -41,6 +45,8 @@ class FlyPlan:
     live: bool = False
     record: bool = True
     argv: tuple[str, ...] = ()
+    runner: Runner | None = None
+    hil: dict[str, Any] | None = None
 
 
 def make_plan(
@@ -79,7 +85,7 @@ def fly(plan: FlyPlan, store: Store, reporter: Reporter, interrupts: Interrupts)
         UsageError: bad input that only showed at the first flight; no run is left behind.
     """
     run = store.create(
-        "fly",
+        "fly" if plan.hil is None else "hil",
         plan.request.scene,
         argv=list(plan.argv),
         request=plan.request.to_dict(),
@@ -128,7 +134,7 @@ def _write_page(folder: Path, reporter: Reporter) -> None:
 def _fly_all(plan: FlyPlan, run: Run, journal: Journal, reporter: Reporter, interrupts: Interrupts) -> str:
     if is_cold():
         reporter.note("compiling kernels, about half a minute: once after an installation or a change of the sources")
-    runner = find_runner(plan.live)
+    runner = plan.runner or find_runner(plan.live)
     for seed in plan.seeds:
         if interrupts.asked():
             break
@@ -258,11 +264,13 @@ def _header(plan: FlyPlan, run: Run) -> dict[str, Any]:
         "request": plan.request.to_dict(),
         "seeds": list(plan.seeds),
         "live": plan.live,
+        **({"hil": plan.hil} if plan.hil is not None else {}),
         "limits": [limit_to_dict(limit) for limit in plan.limits],
         "limits_file": str(plan.limits_file) if plan.limits_file else None,
         "versions": versions(),
         "git": git_state(),
         "sha256": input_hashes(plan.request, plan.limits_file),
+        "inputs": world_inputs([plan.request]),
         "argv": list(plan.argv),
     }
 

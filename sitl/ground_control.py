@@ -48,7 +48,8 @@ class GroundControl:
 
     `tick` at about 16 Hz, `feed` with what the vehicle says.
 
-    `cause` is set when the phase becomes FAILED.
+    `cause` is set when the phase becomes FAILED. While `hold` is True it does not arm: `ready_to_arm` says that only
+    that is left.
     """
 
     def __init__(self, flight: Flight) -> None:
@@ -56,6 +57,8 @@ class GroundControl:
         self.flight = flight
         self.phase = Phase.START
         self.cause: str | None = None
+        self.hold = False
+        self.ready_to_arm = False
         self.events: list[tuple[int, str]] = []
         self._entered_us = 0
         self._heartbeat = Periodic(1_000_000)
@@ -190,7 +193,9 @@ class GroundControl:
         elif status.mode != MODE_GUIDED:
             self.link.send_mode(MODE_GUIDED)
         else:
-            self.link.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            self.ready_to_arm = True
+            if not self.hold:
+                self.link.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
     def _takeoff(self, slow: bool, t_us: int, height_m: float) -> None:
         if slow and self._off_guided(t_us):

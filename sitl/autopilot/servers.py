@@ -6,6 +6,7 @@ cannot garble each other. What a program does not read is dropped and counted, n
 
 import contextlib
 import errno
+import select
 import socket
 from typing import Protocol
 
@@ -103,6 +104,13 @@ class TcpServer:
                 continue
             out += [frame.raw for frame in client.reader.feed(data)]
         return b"".join(out)
+
+    def wait(self, seconds: float) -> bool:
+        """Until something comes, or a program connects or leaves; False when nothing did."""
+        waiter = select.poll()
+        for sock in (self._listener, *(client.sock for client in self._clients)):
+            waiter.register(sock, select.POLLIN)
+        return bool(waiter.poll(1000.0 * seconds))
 
     def send(self, data: bytes) -> None:
         if not data:
