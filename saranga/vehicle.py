@@ -135,6 +135,7 @@ class VehicleLink:
         if self._signing is not None:
             self._signing.advance_clock()
         self._out += message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) & 0xFF  # pack() does not count; a receiver sees losses by it
 
     # ---- requests --------------------------------------------------------------------------------
     def send_heartbeat(self) -> None:
