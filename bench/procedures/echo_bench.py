@@ -100,24 +100,24 @@ class EmulatedEchoBench:
 class RigEchoBench:
     """A real rig; a person puts the object where it is asked for. The rig is read all the while."""
 
-    origin = "measured"
-
     def __init__(self, url: str, rig: RigSettings, hands: Hands, what: str, record: Path | None,
                  asked_to_stop: Callable[[], bool]) -> None:
-        from bench.procedures.hardware_bench import link_of
-        from saranga.sources import LinkSource
+        from bench.rig.driver import Rig
+        from saranga.sources import rig_link
 
         self.name = url
         self._hands = hands
         self._what = what
         self._asked_to_stop = asked_to_stop
-        self._source = LinkSource(link_of(url), 0, rig.rate_hz, record=record)
+        self._source = Rig(rig_link(url), record=record, reconnect_s=0.0)
         self.hello = self._source.open()
-        if "emulated" in self.hello.firmware:
-            self.origin = "emulated"
-        self._source.send(Config(odr=rig.odr, samples=rig.samples))
-        self._source.send(Start(mode=0, rate_hz=rig.rate_hz))
-        self._rate_hz = rig.rate_hz
+        self.origin = self._source.origin
+        try:
+            self._source.configure(rig.odr, rig.samples)
+            self._source.start(rate_hz=rig.rate_hz)
+        except BaseException:
+            self._source.close()
+            raise
 
     def cycles(self, place: Place, count: int) -> list[EchoCycle]:
         from bench.procedures.runner import Interrupted

@@ -12,11 +12,11 @@ from bench.procedures.emulated_device import EmulatedProcess
 from bench.procedures.plan import Condition, NoisePlan
 from bench.procedures.runner import Interrupted
 from bench.procedures.simulated_bench import hello_dict, vars_of
+from bench.rig.driver import Rig
 from bench.supervisor import Confirmation, Limits, Supervisor, SupervisorPlan
-from saranga.byte_links import ByteLink, SerialLink, TcpLink
 from saranga.errors import DeviceError, UsageError
-from saranga.sources import LinkSource, open_source
-from saranga.wire import MODE_RECEIVE_ONLY, Config, Start
+from saranga.sources import rig_link
+from saranga.wire import MODE_RECEIVE_ONLY
 
 MOUNT_POLL_S = 0.05
 
@@ -51,7 +51,7 @@ class HardwareBench:
         self._hands = hands
         self._emulated = emulated
         self._supervisor: Supervisor | None = None
-        self._source: LinkSource | None = None
+        self._source: Rig | None = None
         self._report: dict[str, Any] | None = None
 
     def open(self) -> BenchInfo:
@@ -74,19 +74,20 @@ class HardwareBench:
             own = self._rig_url and not self._stand_url.endswith(f"+{self._rig_url}")
             url = self._rig_url if own or sup.rig_url is None else sup.rig_url
             rig = self._plan.rig
-            self._source = LinkSource(link_of(url), MODE_RECEIVE_ONLY, rig.rate_hz, record=self._record)
+            # A rig that is gone ends the step: what it measured then would have holes.
+            self._source = Rig(rig_link(url), record=self._record, reconnect_s=0.0)
             hello = self._source.open()
             roles = [s.role for s in hello.sensors]
             if rig.sensor not in roles:
                 raise UsageError(f"{url}: the rig has no sensor {rig.sensor!r}, only {', '.join(filter(None, roles))}: "
                                  "change rig.sensor in the plan")
-            self._source.send(Config(odr=rig.odr, samples=rig.samples, ring_down_samples=0))
-            self._source.send(Start(mode=MODE_RECEIVE_ONLY, rate_hz=rig.rate_hz))
+            self._source.configure(rig.odr, rig.samples, ring_down_samples=0)
+            self._source.start(MODE_RECEIVE_ONLY, rig.rate_hz)
         except BaseException:
             self.stop()
             self.close()
             raise
-        emulated = "emulated" in hello.firmware or sup.origin == "emulated"
+        emulated = "emulated" in (self._source.origin, sup.origin)
         return BenchInfo("emulated" if emulated else sup.origin, {**hello_dict(hello), "url": url},
                          {**sup.stand, "url": self._stand_url, "throttle_url": self._throttle_url,
                           **({"given": self._emulated.given} if self._emulated is not None else {})})
@@ -165,7 +166,7 @@ class HardwareBench:
             raise DeviceError("the bench is not open: open it first")
         return self._supervisor
 
-    def _rig(self) -> LinkSource:
+    def _rig(self) -> Rig:
         if self._source is None:
             raise DeviceError("the rig is not open: open the bench first")
         return self._source
@@ -182,16 +183,3 @@ def mount_text(condition: Condition) -> str:
         if text:
             parts.append(text)
     return f"{condition.name}: " + ", ".join(parts)
-
-
-def link_of(url: str) -> ByteLink:
-    """The byte link of a rig's URL (serial or TCP).
-
-    Raises:
-        UsageError: neither.
-    """
-    source = open_source(url)  # it knows the forms and their messages
-    link = getattr(source, "_link", None)
-    if not isinstance(link, SerialLink | TcpLink):
-        raise UsageError(f"{url}: a sweep needs a live rig, serial:///dev/... or tcp://host:port")
-    return link

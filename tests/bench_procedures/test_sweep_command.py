@@ -124,5 +124,5 @@ def test_the_real_chain_on_emulated_hardware_survives_ctrl_c_and_resumes(plan: P
     assert (folder / "echoes-2.mcap").is_file()
     assert (folder / "report.html").is_file()
     truth = [json.loads(line) for line in (folder / "emulated-truth.jsonl").read_text().splitlines()]
-    given = truth[0]["noise"]["insertion_loss_db"]["foam"]
+    given = next(one for one in truth if one["event"] == "given")["noise"]["insertion_loss_db"]["foam"]
     assert result["insertion_loss_db"]["foam"]["value"] == pytest.approx(given, abs=1.5)
