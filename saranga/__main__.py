@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
                      help="serial:///dev/ttyS0?baud=921600, tcp://host:port, udpin://host:port, udpout://host:port")
     run.add_argument("--sign-key", type=Path, metavar="FILE",
                      help="sign MAVLink and hear only what is signed: 64 hexadecimal digits or 32 raw bytes")
-    run.add_argument("--denoiser", default="tbd", help="by name, or MODULE:NAME (default: %(default)s)")
+    run.add_argument("--denoiser", default="saranga", help="by name, or MODULE:NAME (default: %(default)s)")
     run.add_argument("--stack", default="saranga",
                      help="policy: saranga, batdeck, none or MODULE:NAME (default: %(default)s)")
     run.add_argument("--sonar", help="name in fixtures/sonars or a TOML path (default: the policy's own, else pair)")
