@@ -1,6 +1,7 @@
 """Figures of a campaign's page as inline SVG; colours come from the page's CSS, so light and dark pages share them."""
 
 import json
+import math
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -73,18 +74,35 @@ def against_traversability(rows: list[dict[str, Any]]) -> str:
         out.append(f'<text x="{x(value):.1f}" y="{height - 28:.0f}" text-anchor="middle" class="tick">{value}</text>')
     out.append(f'<text x="{left}" y="{height - 6:.0f}" class="tick">traversability: mean free distance over the '
                "vehicle's size; further right is emptier</text>")
+    places: list[float] = []
+    ordered = sorted(known, key=lambda r: (round(r["traversability"]["mean"]), -r["strict"]["rate"]))
+    for row in ordered:  # rows of one traversability stand side by side, their names beside the last of them
+        places.append(max(x(row["traversability"]["mean"]), places[-1] + 11.0 if places else -math.inf))
     taken: list[tuple[float, float]] = []
-    for row in sorted(known, key=lambda r: r["traversability"]["mean"]):
-        at, rate = x(row["traversability"]["mean"]), row["strict"]
+    for k, (row, at) in enumerate(zip(ordered, places, strict=True)):
+        rate = row["strict"]
         low, high = rate["interval"]
-        text = y(rate["rate"]) + 4
-        while any(abs(at - a) < 130 and abs(text - b) < 14 for a, b in taken):
-            text += 14
-        taken.append((at, text))
+        beside = k
+        while beside + 1 < len(places) and places[beside + 1] - places[beside] < 11.5:
+            beside += 1
+        label, dot = places[beside] + 10.0, y(rate["rate"])
+        text = _free_place(taken, label, dot + 4, top + 10, height - 56)
+        taken.append((label, text))
+        if beside != k or abs(text - dot - 4) > 1:
+            out.append(f'<line x1="{at:.1f}" y1="{dot:.1f}" x2="{label - 1:.1f}" y2="{text - 4:.1f}" class="grid"/>')
         out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(low):.1f}" y2="{y(high):.1f}" class="strict-line"/>'
-                   f'<circle cx="{at:.1f}" cy="{y(rate["rate"]):.1f}" r="5.5" class="strict-dot"/>'
-                   f'<text x="{at + 10:.1f}" y="{text:.1f}">{escape(row["name"])}</text>')
+                   f'<circle cx="{at:.1f}" cy="{dot:.1f}" r="5.5" class="strict-dot"/>'
+                   f'<text x="{label:.1f}" y="{text:.1f}">{escape(row["name"])}</text>')
     return "".join([*out, "</svg>"])
+
+
+def _free_place(taken: list[tuple[float, float]], at: float, wanted: float, top: float, bottom: float) -> float:
+    """Height for a label at `at` that covers none of those `taken`: as near to `wanted` as there is room."""
+    for step in range(60):
+        text = wanted + 14.0 * ((step + 1) // 2) * (-1 if step % 2 else 1)
+        if top <= text <= bottom and not any(abs(at - a) < 130 and abs(text - b) < 14 for a, b in taken):
+            return text
+    return wanted
 
 
 def flight_map(folder: Path, outcome: dict[str, Any]) -> str:
