@@ -11,8 +11,8 @@ or the end of the pipe that is its standard input. Nothing here arms: the motors
 import argparse
 import contextlib
 import json
+import math
 import os
-import random
 import select
 import signal
 import stat
@@ -51,6 +51,8 @@ SLOW_US = 500_000
 # Simulated time that a busy machine cannot make up for is given up, in steps as small as this.
 BEHIND_LIMIT_S = 0.1
 MOST_TICKS = 40
+STALL_EVERY_US = 500_000
+SHAKE_HZ = 45.0
 
 
 class Port(Protocol):
@@ -159,7 +161,6 @@ class ParkedVehicle:
         self._slow = Periodic(SLOW_US)
         self._disguise = Disguise(faults, seed)
         self._late = Delayed()
-        self._rng = random.Random(seed)
         self._origin_sent = 0
 
     def _system(self) -> int:
@@ -181,7 +182,11 @@ class ParkedVehicle:
             DeviceError: the autopilot died.
         """
         state = self.physics.state
-        throttle, out = self.autopilot.step(state, self.sensors.step(state) + self._link.take() + companion)
+        heard = self.sensors.step(state) + self._link.take() + companion
+        shake_m_s2 = self.faults.shake_m_s2 * math.sin(2.0 * math.pi * SHAKE_HZ * state.t_us * 1e-6)
+        state.accel_body_m_s2[2] += shake_m_s2
+        throttle, out = self.autopilot.step(state, heard)
+        state.accel_body_m_s2[2] -= shake_m_s2
         if throttle.any():
             raise DeviceError("a parked vehicle turns its motors: stopped")
         self.physics.step(self.autopilot.tick_us, throttle)
@@ -189,11 +194,12 @@ class ParkedVehicle:
         if self._slow.due(state.t_us):
             self._tell_where()
         out = self._disguise(out)
-        if not (self.faults.delay_ms or self.faults.jitter_ms):
+        delay_us, stall_us = self.faults.delay_ms * 1e3, self.faults.stall_ms * 1e3
+        if not (delay_us or stall_us):
             return out
         if out:
-            late_ms = self.faults.delay_ms + self.faults.jitter_ms * self._rng.random()
-            self._late.put(state.t_us + round(late_ms * 1e3), out)
+            left_us = max(stall_us - state.t_us % STALL_EVERY_US, 0.0)
+            self._late.put(state.t_us + round(delay_us + left_us), out)
         return self._late.take(state.t_us)
 
     def _tell_where(self) -> None:

@@ -14,8 +14,8 @@ from sitl.autopilot.frames import FrameReader
 DEFAULTS: dict[str, Any] = {
     "no_flow": True, "flow_quality": 3.0, "flow_every": 25.0, "no_range": True, "range_offset_m": 0.6,
     "no_origin": True, "says_armed": True, "says_plane": True, "says_version": 0x03060000, "second_vehicle": True,
-    "silent": True, "delay_ms": 120.0, "jitter_ms": 150.0, "drop": 0.2, "corrupt": 0.1, "clock_jump_s": 5.0,
-    "mute": "EKF_STATUS_REPORT",
+    "silent": True, "delay_ms": 120.0, "stall_ms": 300.0, "drop": 0.2, "corrupt": 0.1, "clock_jump_s": 5.0,
+    "shake_m_s2": 40.0, "mute": "EKF_STATUS_REPORT",
 }
 SECOND_SYSTEM = 7
 
@@ -26,12 +26,12 @@ class ParkedFaults:
 
     Attributes:
         no_flow, no_range: the sensor says nothing. flow_quality: 0..255. flow_every: only each n-th message comes.
-        range_offset_m: the range finder reads too far.
+        range_offset_m: the range finder reads too far. shake_m_s2: 45 Hz in its accelerometers, amplitude.
         no_origin: nobody tells it where it is.
         says_armed: its heartbeats say armed (it is not). says_plane: they say it is an aeroplane.
         says_version: packed firmware version that it gives. second_vehicle: another one talks on the same link.
         silent: nothing comes out. mute: messages of this name do not.
-        delay_ms, jitter_ms: what comes out comes late, and at random later.
+        delay_ms: what comes out comes late. stall_ms: twice a second nothing comes out for so long.
         drop, corrupt: share of messages lost, and with one byte changed.
         clock_jump_s: its clock leaps while it is watched.
         parameters: set at boot.
@@ -42,6 +42,7 @@ class ParkedFaults:
     flow_every: float = 1.0
     no_range: bool = False
     range_offset_m: float = 0.0
+    shake_m_s2: float = 0.0
     no_origin: bool = False
     says_armed: bool = False
     says_plane: bool = False
@@ -49,7 +50,7 @@ class ParkedFaults:
     second_vehicle: bool = False
     silent: bool = False
     delay_ms: float = 0.0
-    jitter_ms: float = 0.0
+    stall_ms: float = 0.0
     drop: float = 0.0
     corrupt: float = 0.0
     clock_jump_s: float = 0.0

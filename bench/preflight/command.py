@@ -79,7 +79,7 @@ def preflight(plan: Plan, store: Store, say: Say = lambda text: None, stop: Stop
             plan = _start_emulated(plan, started, say)
             began = time.monotonic()
             evidence, phases, fixed = _gather(plan, run, say, stop, ask)
-            result = _judge(plan, evidence, limits, rig_limits, stop())
+            result = judge_evidence(plan, evidence, limits, rig_limits, stop())
             result["metrics"] |= {"phases_s": phases, "total_s": round(time.monotonic() - began, 2), **fixed}
             for row in result["checks"]:
                 journal.append("check", **row)
@@ -211,8 +211,9 @@ def _stack(plan: Plan, evidence: Evidence, folder: Path) -> None:
     evidence.stack = time_stack(plan.denoiser, plan.stack, plan.sonar, 0.5, folder, plan.stack_steps)
 
 
-def _judge(plan: Plan, evidence: Evidence, limits: list[Limit], rig_limits: list[Limit],
-           interrupted: bool) -> dict[str, Any]:
+def judge_evidence(plan: Plan, evidence: Evidence, limits: list[Limit], rig_limits: list[Limit],
+                   interrupted: bool = False) -> dict[str, Any]:
+    """The result from the evidence alone: nothing is asked or measured here."""
     rows = judge.examine(evidence, limits, rig_limits, plan.skip)
     verdict = worst(Verdict(row["verdict"]) for row in rows)
     asked = {"vehicle": plan.vehicle, "rig": plan.rig}
