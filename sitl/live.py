@@ -25,6 +25,7 @@ from saranga.stack import HOLD, Decision
 from sitl.autopilot import make_autopilot
 from sitl.autopilot.servers import TcpServer
 from sitl.clock import Periodic
+from sitl.faults import fault_modules
 from sitl.flight_log import FlightRecorder
 from sitl.ground_control import Phase
 from sitl.process import die_with_parent
@@ -131,7 +132,8 @@ def run_live_trial(request: TrialRequest, progress: Progress | None = None, canc
     if echoes not in ("pty", "tcp"):
         raise UsageError(f"echoes over {echoes!r}: must be pty or tcp")
     faults = request.faults or Faults()
-    for name in ("nan_policy_at_s", "setpoint_delay_ms"):
+    inside = [name for name, module in fault_modules().items() if getattr(module, "INSIDE_STACK", False)]
+    for name in ("nan_policy_at_s", "setpoint_delay_ms", *inside):
         if name in faults.to_dict():
             raise UsageError(f"fault {name} acts inside the stack, which is its own process in live mode: fly it in "
                              "lockstep")

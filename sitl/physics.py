@@ -100,7 +100,8 @@ class Physics:
         self.wind_m_s = np.zeros(3)
         self._parameters = _pack(airframe)
         self._charge_curve = np.array([airframe.battery.charge, airframe.battery.cell_voltage_v])
-        self._gusts = _Gusts(wind if wind is not None else SteadyWind(), seed)
+        self._wind, self._seed = wind if wind is not None else SteadyWind(), seed
+        self._gusts = _Gusts(self._wind, seed)
         self.wind_m_s[:] = self._gusts.at(0)
         flat = np.zeros(body.SIZE)
         weight_n = airframe.mass_kg * GRAVITY_M_S2
@@ -124,6 +125,11 @@ class Physics:
     def charge(self) -> float:
         """State of charge of the battery, 0..1."""
         return float(self.state.flat[body.CHARGE])
+
+    def set_gusts(self, gust_m_s: float) -> None:
+        """Other gusts on the same mean wind from now on (fault campaigns)."""
+        wind = self._wind
+        self._gusts = _Gusts(SteadyWind(wind.mean_m_s, wind.direction_deg, gust_m_s, wind.gust_s), self._seed)
 
     def step(self, dt_us: int, throttle: NDArray[np.float64]) -> VehicleState:
         """Advance by `dt_us` with motor outputs `throttle` (4,) in 0..1 (PWM 1000..2000); returns `state`.

@@ -50,6 +50,10 @@ class RigFaults:
         corrupt_probability: of one byte of a frame being changed.
         drop_probability: of a frame being lost.
         delay_us: by which every frame of `cycle` is late, at the earliest with a later cycle.
+        cycle_drop_probability: of all frames of a cycle being lost.
+        swapped: the records of left and right change places.
+        gain_db: of every record, before the converter's limit.
+        clock_offset_us: added to the times in ECHO and STATUS.
     """
 
     silent_after_us: int | None = None
@@ -58,6 +62,10 @@ class RigFaults:
     corrupt_probability: float = 0.0
     drop_probability: float = 0.0
     delay_us: int = 0
+    cycle_drop_probability: float = 0.0
+    swapped: bool = False
+    gain_db: float = 0.0
+    clock_offset_us: int = 0
 
 
 class VirtualRig:
@@ -121,12 +129,16 @@ class VirtualRig:
         records = self._model.cycle(pos_m, quat, vel_m_s, thrust_n, t_us, receive_only=receive_only)
         geometry = self._geometry
         self.cycles += 1
+        lost = self._cycle_lost()
         for sensor, role in enumerate(geometry.roles):
             if self._dead(role, t_us):
                 continue
-            self._send(Echo(sensor=sensor, sequence=self._next(sensor), trigger=trigger & 0xFFFFFFFF,
-                            device_time_us=t_us & 0xFFFFFFFF, fop_hz=geometry.fop_hz, odr=geometry.odr,
-                            mode=self.mode, iq=records[role]), t_us)
+            sequence = self._next(sensor)
+            if lost:
+                continue
+            self._send(Echo(sensor=sensor, sequence=sequence, trigger=trigger & 0xFFFFFFFF,
+                            device_time_us=self._device_time(t_us), fop_hz=geometry.fop_hz, odr=geometry.odr,
+                            mode=self.mode, iq=self._record(records, role)), t_us)
         if t_us >= self._status_due_us:
             self._status_due_us = (t_us // STATUS_PERIOD_US + 1) * STATUS_PERIOD_US
             self._send(self._status(trigger, t_us), t_us)
@@ -186,7 +198,7 @@ class VirtualRig:
     def _status(self, trigger: int, t_us: int) -> Status:
         counters = self._decoder.counters
         return Status(sequence=self._next(ALL_SENSORS), trigger=trigger & 0xFFFFFFFF,
-                      device_time_us=t_us & 0xFFFFFFFF, cycles=self.cycles & 0xFFFFFFFF,
+                      device_time_us=self._device_time(t_us), cycles=self.cycles & 0xFFFFFFFF,
                       temperature_c=self._model.weather.temperature_c,
                       host_errors=counters.bad_cobs + counters.bad_crc + counters.bad_message,
                       state=2 if self.mode == MODE_RECEIVE_ONLY else 1)
@@ -195,6 +207,30 @@ class VirtualRig:
         number = self._sequence[sensor]
         self._sequence[sensor] = (number + 1) & 0xFFFFFFFF
         return number
+
+    def change_model(self, model: AcousticModel) -> None:
+        """Hear the world through another model from now on; the sensors stay as they are configured."""
+        self._model = model.with_geometry(odr=self._geometry.odr, samples=self._geometry.samples,
+                                          ring_down_samples=self._geometry.ring_down_samples)
+
+    def _device_time(self, t_us: int) -> int:
+        return (t_us + self.faults.clock_offset_us) & 0xFFFFFFFF
+
+    def _record(self, records: dict[str, NDArray[np.int16]], role: str) -> NDArray[np.int16]:
+        """What that sensor's socket delivers."""
+        faults = self.faults
+        if faults.swapped:
+            role = {"left": "right", "right": "left"}.get(role, role)
+        record = records[role]
+        if faults.gain_db == 0.0:
+            return record
+        most = self._geometry.saturation_counts
+        amplified = np.rint(record * 10.0 ** (faults.gain_db / 20.0))
+        return np.clip(amplified, -most, most).astype(np.int16)
+
+    def _cycle_lost(self) -> bool:
+        probability = self.faults.cycle_drop_probability
+        return probability > 0.0 and self._rng.random() < probability
 
     def _dead(self, role: str, t_us: int) -> bool:
         return role == self.faults.dead_role and t_us >= (self.faults.dead_after_us or 0)

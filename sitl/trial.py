@@ -14,11 +14,13 @@ from saranga.navigate import EchoPolicy, Policy, VelocityCommand, load_policy
 from saranga.sources import InProcessSource
 from saranga.stack import Decision, Stack
 from saranga.vehicle import VehicleLink, version_text
+from sitl.aftermath import aftermath
 from sitl.autopilot import make_autopilot
 from sitl.causes import label_of
 from sitl.clock import Delayed, Periodic
 from sitl.flight_log import FlightRecorder
 from sitl.ground_control import Phase
+from sitl.measures import measures_of
 from sitl.scene import build_scene, load_scene
 from sitl.trial_types import Faults, TrialProgress, TrialRequest, TrialResult
 from sitl.world import World
@@ -86,12 +88,21 @@ class _Companion:
         self._heartbeat = Periodic(HEARTBEAT_US)
         self._fault_since_us: int | None = None
         self._on_course = False
+        self._echo_us = 0
+        self._ages_us = [0, 0]
+
+    @property
+    def echo_to_setpoint_ms(self) -> float:
+        """Mean over the course; NaN before it."""
+        total, count = self._ages_us
+        return total / count / 1000.0 if count else math.nan
 
     def outgoing(self, t_us: int) -> bytes:
         return self._delayed.take(t_us)
 
-    def receive(self, data: bytes) -> None:
+    def receive(self, data: bytes, t_us: int) -> None:
         if data:
+            self._echo_us = t_us
             start = perf_counter()
             self.source.feed(data)
             self.seconds["wire"] += perf_counter() - start
@@ -105,27 +116,29 @@ class _Companion:
         start = perf_counter()
         cycles = self.source.poll(0.0)
         self.seconds["wire"] += perf_counter() - start
-        decision = self.stack.step(cycles, t_us)
+        decision = self.stack.step(cycles, world.planted.clock_us(t_us))
         for stage, spent_ms in decision.timing_ms.items():
             self.seconds[stage] += spent_ms * 1e-3
-        self._watch(decision, on_course)
+        self._watch(decision, on_course, t_us)
         if self._heartbeat.due(t_us):
             self.link.send_heartbeat()
         if on_course:
             self.link.send_velocity(decision.command, t_us)
+            self._ages_us[0] += t_us + self._latency_us - self._echo_us
+            self._ages_us[1] += 1
         data = self.link.take()
         if data:
             world.note_command(data)
             self._delayed.put(t_us + self._latency_us, data)
         return decision
 
-    def _watch(self, decision: Decision, on_course: bool) -> None:
+    def _watch(self, decision: Decision, on_course: bool, t_us: int) -> None:
         if decision.fault is None or not on_course:
             self._fault_since_us = None
             return
         if self._fault_since_us is None:
-            self._fault_since_us = decision.t_us
-        if decision.t_us - self._fault_since_us >= FAULT_PATIENCE_US:
+            self._fault_since_us = t_us
+        if t_us - self._fault_since_us >= FAULT_PATIENCE_US:
             self.fault_cause = f"stack: {decision.fault}"
 
 
@@ -155,7 +168,10 @@ def run_trial(request: TrialRequest, progress: Progress | None = None, cancel: C
         world.start()
         loop_start = perf_counter()
         cause = _fly(request, world, companion, recorder, progress, cancel, loop_start)
+        after = aftermath(world, companion.outgoing) if cause is not None and faults.any() else None
         loop_s = perf_counter() - loop_start
+    if cause is not None and after is not None:
+        cause = cause[0], f"{cause[1]}; {after}"
     return collect(request, world, companion, recorder, cause, loop_s, perf_counter() - wall_start)
 
 
@@ -166,7 +182,7 @@ def _fly(request: TrialRequest, world: World, companion: _Companion, recorder: F
     try:
         while True:
             tick = world.tick(companion.outgoing(world.t_us))
-            companion.receive(tick.echoes)
+            companion.receive(tick.echoes, tick.t_us)
             if not tick.stack_due:
                 continue
             decision = companion.step(tick.t_us, world.phase is Phase.COURSE, world)
@@ -238,4 +254,5 @@ def collect(request: TrialRequest, world: World, companion: "_Companion | Shadow
         weights_sha256=weights_sha256(request.denoiser), runtime=companion.runtime,
         label=label.name, label_reason=label.reason, path_length_m=judgement.path_length_m,
         path_excess=judgement.path_length_m / along_m if along_m > 0.5 else math.nan,
-        shield_noise=world.acoustics.noise_provenance(), log=log)
+        shield_noise=world.acoustics.noise_provenance(), log=log,
+        measures=measures_of(log, getattr(companion, "echo_to_setpoint_ms", math.nan)))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saranga.errors import UsageError
+from sitl.faults import Planting, fault_modules, parse_planting
 
 if TYPE_CHECKING:
     from saranga.localise import Obstacle
@@ -38,7 +39,7 @@ class Faults:
     seconds after the course began (take-off complete), so that they mean the same on every autopilot.
 
     `dead_sensor` is a sonar role (left, right, down) that stops answering at `dead_sensor_at_s` (0 = from the
-    start); the probabilities are per wire message.
+    start); the probabilities are per wire message. `planted` are faults of `sitl/faults`, one file each.
     """
 
     kill_autopilot_at_s: float | None = None
@@ -50,26 +51,32 @@ class Faults:
     drop_probability: float = 0.0
     setpoint_delay_ms: float = 0.0
     nan_policy_at_s: float | None = None
+    planted: tuple[Planting, ...] = ()
 
     def any(self) -> bool:
         """True when at least one fault is asked for."""
         return self != Faults()
 
     def to_dict(self) -> dict[str, Any]:
-        """Only the faults that are set, for logs and JSON."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if getattr(self, f.name) != f.default}
+        """Only the faults that are set, for logs and JSON; `Faults.parse` reads its items again."""
+        own = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)
+               if f.name != "planted" and getattr(self, f.name) != f.default}
+        return own | {planting.name: planting.text for planting in self.planted}
 
     @staticmethod
     def parse(texts: Iterable[str]) -> "Faults":
-        """Build from command-line texts such as "echo_silent_at_s=12" or "dead_sensor=right".
+        """Build from command-line texts such as "echo_silent_at_s=12", "dead_sensor=right" or "flow_lost=1@3".
 
         Raises:
             UsageError: unknown name, missing value, or a value outside its range.
         """
         import difflib
 
-        known = {f.name: f for f in dataclasses.fields(Faults)}
+        own = {f.name for f in dataclasses.fields(Faults)} - {"planted"}
+        files = fault_modules()
+        known = [*own, *files]
         values: dict[str, Any] = {}
+        planted: dict[str, Planting] = {}
         for text in texts:
             name, equals, value = text.partition("=")
             name, value = name.strip(), value.strip()
@@ -77,17 +84,20 @@ class Faults:
                 near = difflib.get_close_matches(name, known, n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise UsageError(
-                    f"unknown fault {name!r}{hint}: known are {', '.join(known)}; "
-                    "write it as NAME=VALUE, such as echo_silent_at_s=12"
+                    f"unknown fault {name!r}{hint}: known are {', '.join(sorted(known))}; "
+                    "write it as NAME=VALUE, such as echo_silent_at_s=12 or flow_lost=1@3"
                 )
             if not equals or not value:
                 raise UsageError(f"fault {name!r} has no value: write {name}=VALUE")
-            if name in values:
+            if name in values or name in planted:
                 raise UsageError(f"fault {name!r} is given twice: give it once")
-            values[name] = _fault_value(name, value)
+            if name in own:
+                values[name] = _fault_value(name, value)
+            else:
+                planted[name] = parse_planting(name, value)
         if "dead_sensor_at_s" in values and "dead_sensor" not in values:
             raise UsageError("fault dead_sensor_at_s needs dead_sensor=left, right or down beside it")
-        return Faults(**values)
+        return Faults(**values, planted=tuple(planted.values()))
 
 
 def _fault_value(name: str, text: str) -> str | float:
@@ -262,6 +272,7 @@ class TrialResult:
 
     `shield_noise`: where the noise behind the shield comes from (`AcousticModel.noise_provenance`).
     `label` (`sitl.causes`) says what to mend; `path_excess` is the path flown over the way made along the course.
+    `measures`: figures that change before outcomes do (`sitl.measures`).
     """
 
     scene: str
@@ -291,6 +302,7 @@ class TrialResult:
     path_length_m: float = math.nan
     path_excess: float = math.nan
     shield_noise: dict[str, Any] = field(default_factory=dict)
+    measures: dict[str, float] = field(default_factory=dict)
     log: FlightLog | None = None
     files: dict[str, str] = field(default_factory=dict)
 

@@ -18,6 +18,7 @@ from sitl.airframe import load_airframe
 from sitl.autopilot.base import Autopilot
 from sitl.autopilot.parameters import Parameter
 from sitl.clock import ECHO_CYCLE_US, STACK_TICK_US, Delayed, Periodic
+from sitl.faults.planted import PlantedFaults
 from sitl.ground_control import Flight, GroundControl, Phase
 from sitl.judge import Judge
 from sitl.physics import Physics
@@ -82,6 +83,7 @@ class World:
         self._trigger = 0
         self._course_us: int | None = None
         self._fired: set[str] = set()
+        self.planted = PlantedFaults(self.faults.planted)
         self._check_faults()
 
     def _check_faults(self) -> None:
@@ -131,7 +133,7 @@ class World:
         physics, seconds = self.physics, self.seconds
         state = physics.state
         start = perf_counter()
-        mavlink_in = self.sensors.step(state) + self.ground.take() + companion
+        mavlink_in = self.sensors.step(state) + self.ground.take() + self.planted.setpoints(companion)
         lap = perf_counter()
         seconds["ground"] += lap - start
         throttle, mavlink_out = self.autopilot.step(state, mavlink_in)
@@ -196,6 +198,7 @@ class World:
                 silent_after_us=after(faults.echo_silent_at_s), dead_role=faults.dead_sensor,
                 dead_after_us=after(faults.dead_sensor_at_s if faults.dead_sensor else None),
                 corrupt_probability=faults.corrupt_probability, drop_probability=faults.drop_probability)
+        self.planted.step(self, course_s)
         for name, at_s, action in (("kill", faults.kill_autopilot_at_s, "kill"),
                                    ("socket", faults.physics_socket_lost_at_s, "lose_physics_socket")):
             if at_s is not None and course_s >= at_s and name not in self._fired:
@@ -208,7 +211,17 @@ class World:
         for name, at_s in self.faults.to_dict().items():
             if name.endswith("_at_s") and at_s > course_s:
                 return f"fault {name}={at_s:g} never happened: the course ended after {course_s:.1f} s"
+        for planting in self.faults.planted:
+            if planting.at_s > course_s:
+                return (f"fault {planting.name}={planting.text} never happened: the course ended after "
+                        f"{course_s:.1f} s")
         return None
+
+    def change_shield(self, name: str) -> None:
+        """Fly on behind another shield (fault campaigns)."""
+        self.acoustics = AcousticModel(self.scene.primitives, self.scene.weather, self.geometry, load_shielding(name),
+                                       self.seed)
+        self.rig.change_model(self.acoustics)
 
     # ---- result ----------------------------------------------------------------------------------
     def note_command(self, data: bytes) -> None:
