@@ -58,7 +58,7 @@ class CsvSource:
         Raises:
             DeviceError: the log does not cover the interval, or has a gap in it.
         """
-        times, power = read_power_log(self.path)
+        times, power = self._log_up_to(end.time_s)
         if not end.time_s > start.time_s:
             raise DeviceError(f"{self.path}: an interval from {start.time_s:g} to {end.time_s:g} s is none")
         if start.time_s < times[0] or end.time_s > times[-1]:
@@ -72,6 +72,16 @@ class CsvSource:
             raise DeviceError(f"{self.path}: nothing was logged for {gap:.2f} s inside the interval, at most "
                               f"{self._longest_gap_s:g} s is taken: log faster")
         return Energy(float(np.trapezoid(np.interp(at, times, power), at)), end.time_s - start.time_s)
+
+    def _log_up_to(self, end_s: float) -> tuple[Array, Array]:
+        """The log; one that is still being written is given `longest_gap_s` and a second to reach `end_s`."""
+        deadline_s = time.monotonic() + self._longest_gap_s + 1.0
+        while True:
+            times, power = read_power_log(self.path)
+            written = self._epoch and 0.0 <= time.time() - times[-1] < self._longest_gap_s + 2.0
+            if times[-1] >= end_s or not written or time.monotonic() > deadline_s:
+                return times, power
+            time.sleep(0.1)
 
     def close(self) -> None:
         """Nothing is held."""

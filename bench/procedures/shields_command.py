@@ -67,7 +67,7 @@ def fly_shields(folder: Path, names: list[str], flights: int, scene: str, seed: 
                 break
             try:
                 result = run_trial(TrialRequest(scene=scene, seed=one, autopilot="embedded", stack="saranga",
-                                                denoiser="tbd", shield=f"{folder}:{name}"), None, interrupts.asked)
+                                                denoiser="saranga", shield=f"{folder}:{name}"), None, interrupts.asked)
             except BenchError as error:
                 entry["error"] = str(error)
                 break
