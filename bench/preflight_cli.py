@@ -148,6 +148,7 @@ def table(result: dict[str, Any]) -> str:
         lines.append(f"{row['verdict']:<13}{row['name']:<38}{figure(row):<15} {row['limit']:<25} {age(row):<6}"
                      f"{row['why']}")
         if row["verdict"] != "PASS":
-            lines.append(f"{'':<13}-> {row['action']} (limit from: {row['source'] or 'none'})")
+            action = "" if row["action"] in row["why"] else f"-> {row['action']} "
+            lines.append(f"{'':<13}{action}(limit from: {row['source'] or 'none'})")
     lines += ["", result["reason"], f"{result['metrics']['total_s']} s; {result['run']}"]
     return "\n".join(lines)

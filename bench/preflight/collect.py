@@ -164,10 +164,11 @@ class Conversation:
                           "port and baud rate right?")
 
     def identify(self, deadline_s: float) -> None:
-        """Ask for AUTOPILOT_VERSION until it comes."""
+        """Ask for AUTOPILOT_VERSION until it comes, and for the origin."""
         deadline = self._now() + deadline_s
         while self._now() < deadline and not self.evidence.stopped:
             self._talk.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+            self._talk.request_message(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
             if self.pump(min(1.0, deadline_s), lambda: self.evidence.version is not None):
                 return
 
@@ -238,6 +239,7 @@ class Conversation:
 
     def list_logs(self, deadline_s: float) -> None:
         """LOG_REQUEST_LIST; reading the list stops nothing."""
+        self._talk.request_message(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
         self._talk.send(mavlink.MAVLink_log_request_list_message(self.evidence.system, 1, 0, 0xFFFF))
         self.pump(deadline_s, lambda: self.evidence.last("LOG_ENTRY") is not None)
 

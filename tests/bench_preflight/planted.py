@@ -58,7 +58,7 @@ VEHICLE = [
     plant("EK3_SRC1_VELXY=0", "ekf_flags_wrong", "horizontal", real_only=True),
     plant("MOT_THST_EXPO=0.3", "parameters_different", "MOT_THST_EXPO 0.3, wanted 0.55"),
     plant("ATC_RAT_RLL_P=0.3", "parameters_different", "ATC_RAT_RLL_P 0.3"),
-    plant("no_origin", "prearm_ok"),
+    plant("no_origin", "origin_known"),
     # Who talks.
     plant("says_armed", "vehicle_armed", "armed"),
     plant("says_plane", "vehicle_is_quadrotor", "FIXED_WING"),
