@@ -1,8 +1,8 @@
 """The pytest plugin: flights as fixtures. Silent, and next to free, in projects that do not use it.
 
-Options: --bench-autopilot, --bench-trials, --bench-seed, --bench-denoiser, --bench-runs. Fixtures: `flight` flies
-one trial and keeps it in a run folder, `accept` holds results or values to limits. The work is done in
-`bench.plugin_session`, imported when the first fixture is used.
+Options: --bench-autopilot, --bench-trials, --bench-seed, --bench-denoiser, --bench-runs; --bench-contract brings its
+own tests (`bench.contract`). Fixtures: `flight` flies one trial and keeps it in a run folder, `accept` holds results or
+values to limits. The work is done in `bench.plugin_session`, imported when the first fixture is used.
 """
 
 from collections.abc import Iterator
@@ -28,6 +28,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption("--bench-seed", type=int, default=1, metavar="S", help="first seed (1)")
     group.addoption("--bench-denoiser", default=None, metavar="NAME", help="denoiser where a test names none")
+    group.addoption(
+        "--bench-contract", action="append", default=None, metavar="MODULE:NAME",
+        help="hold your own denoiser or stack (or a shipped one by name) to the contract; repeatable",
+    )
     group.addoption("--bench-runs", default=None, metavar="DIR", help="folder for runs ($SARANGA_BENCH_RUNS or ./runs)")
 
 
@@ -37,6 +41,11 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "real_arducopter: flies the real autopilot; skipped with the reason where its binary is absent"
     )
     config.pluginmanager.register(_Honesty(config), "saranga-bench-honesty")
+    contract = config.getoption("--bench-contract")
+    if contract:
+        from bench.contract.collect import ContractPlugin
+
+        config.pluginmanager.register(ContractPlugin(config, contract), "saranga-bench-contract")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -37,8 +37,8 @@ def test_the_client_writes_the_same_frames_and_reads_an_echo_and_refuses_a_damag
     damaged = bytearray(known["ECHO"])
     damaged[20] ^= 4
     asked = f"{known['ECHO'].hex()}\n{damaged.hex()}\n{known['START'].hex()}\n"
-    said = subprocess.run([client, "frames"], input=asked, capture_output=True, text=True, check=True, timeout=30).stdout
-    assert said.splitlines() == [
+    ran = subprocess.run([client, "frames"], input=asked, capture_output=True, text=True, check=True, timeout=30)
+    assert ran.stdout.splitlines() == [
         f"hello? {known['HELLO?'].hex()}", f"start {known['START'].hex()}",
         f"setpoint {known['SET_POSITION_TARGET_LOCAL_NED'].hex()}", ECHO_WORDS, "bad", "bad"]
 
