@@ -22,12 +22,17 @@ Examples:
       go on after an interruption: finished trials are not flown again
   saranga-bench campaign paper --dask tcp://head:8786
       on a Dask cluster; --dask local starts one here
+  saranga-bench campaign faults
+      one fault a row: what the stack did, against what is acceptable
+  saranga-bench campaign paper --baseline 3fa9
+      not worse than that run? Pairs of flights, intervals
   saranga-bench campaign paper --rows thin,fog --trials 20 --screen
       the embedded autopilot against ArduCopter over the same seeds
   saranga-bench campaign --hardest paper-composite --budget 240
       the course of that family on which the stack does worst
 
-A row passes when it is not worse than the paper's rate (SPRT, Wilson's interval).
+A row passes when it is not worse than the paper's rate (SPRT, Wilson's interval), or
+when its faults did what its [row.acceptable] allows.
 INCONCLUSIVE says how many more trials would decide. docs/campaigns.md has the rest.
 
 Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted.
@@ -63,6 +68,9 @@ def campaign(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")] = False,
     out: Annotated[Path | None, typer.Option(help="Folder of runs [$SARANGA_BENCH_RUNS or ./runs].")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+    baseline: Annotated[
+        str | None, typer.Option(metavar="RUN", help="Hold every flight to an earlier run of the suite.")
+    ] = None,
 ) -> None:
     """Fly a suite of scenes and hold every row to the paper's rate, or search for the hardest course."""
     from saranga.errors import UsageError
@@ -70,7 +78,7 @@ def campaign(
     if (suite is None) == (hardest is None):
         raise UsageError("give one SUITE, or --hardest SCENE: `saranga-bench campaign --help` has examples")
     only_search = {"--budget": budget, "--keep": keep, "--rule": rule, "--stack": stack}
-    only_suite = {"--trials": trials, "--rows": rows, "--screen": screen or None}
+    only_suite = {"--trials": trials, "--rows": rows, "--screen": screen or None, "--baseline": baseline}
     for name, value in (only_search if hardest is None else only_suite).items():
         if value is not None:
             kind = "a search (--hardest)" if hardest is None else "a suite"
@@ -96,12 +104,14 @@ def campaign(
     assert suite is not None
     names = [name.strip() for name in rows.split(",") if name.strip()] if rows is not None else None
     changes = {"autopilot": autopilot, "denoiser": denoiser, "shield": shield, "seed": seed}
-    _suite(suite, names, trials, changes, screen, make, say, resume, out, as_json, dask is None)
+    _suite(suite, names, trials, changes, screen, make, say, resume, out, as_json, dask is None, baseline)
 
 
 def _suite(suite: str, rows: list[str] | None, trials: int | None, changes: dict[str, Any], screen: bool,
            make: Callable[[], "Workers"], say: Callable[[str], None], resume: str | None, out: Path | None,
-           as_json: bool, here: bool) -> None:
+           as_json: bool, here: bool, baseline: str | None) -> None:
+    from bench.baseline.command import hold_to, load_baseline
+    from bench.baseline.report import comparison_text
     from bench.campaign.runner import Plan, run_campaign, suite_of
     from bench.campaign.screening import screening_suite
     from bench.campaign.suite import load_suite
@@ -119,9 +129,14 @@ def _suite(suite: str, rows: list[str] | None, trials: int | None, changes: dict
         chosen = screening_suite(chosen)
     if here:
         _need_autopilots({chosen.request(row, 0).autopilot for row in chosen.rows})
+    requests = [chosen.request(row, 0) for row in chosen.rows]
+    held = load_baseline(baseline, store, requests) if baseline is not None else None
     with _guard(as_json), interruptible() as interrupts:
         summary = run_campaign(Plan(chosen, make, tuple(sys.argv[1:])), store, interrupts, say, folder)
-    _finish(summary, table_text(summary), as_json)
+    text = table_text(summary)
+    if held is not None and summary["outcomes"]:
+        text += "\n" + comparison_text(hold_to(held, Path(summary["run"]), summary))
+    _finish(summary, text, as_json)
 
 
 def _search(request: Any, budget: int, rule: str, keep: Path | None,

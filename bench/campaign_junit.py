@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-from bench.flight_summary import trial_verdict
 from bench.verdict import Verdict
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd]")
@@ -21,7 +20,7 @@ def write_campaign_junit(path: Path, summary: dict[str, Any]) -> None:
             case = ET.SubElement(suite, "testcase", classname=_clean(row["name"]), name=f"seed {trial['seed']}",
                                  time=f"{trial.get('wall_s') or 0.0:.3f}")
             text = f"{trial.get('label')}: {trial.get('label_reason') or trial.get('cause')}\n{trial['replay']}"
-            _mark(case, trial_verdict(trial), str(trial["outcome"]), text)
+            _mark(case, Verdict(trial["verdict"]), str(trial["outcome"]), text)
         case = ET.SubElement(suite, "testcase", classname=_clean(row["name"]), name="rate")
         _mark(case, Verdict(row["verdict"]), row["verdict"], row["reason"])
         _count(suite)

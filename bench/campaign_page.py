@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.campaign_figures import against_traversability, flight_map, rates_figure
-from bench.campaign_table import origin_text, rate_text, screening_cells, speed_text
+from bench.campaign_table import fault_cells, origin_text, rate_text, screening_cells, speed_text
 from bench.drawing import OUTCOME_WORDS, Flight, outcome_colour
-from bench.flight_summary import trial_verdict
 from bench.flight_svg import echo_strip, top_view
 from bench.page import write_page_file
+from bench.verdict import Verdict
 from saranga.errors import BenchError, UsageError
 from sitl.trial_types import FlightLog, TrialResult
 
@@ -18,7 +18,7 @@ MOST_FAILURES = 16
 """Drawn in the gallery, at about 0.2 MB each; of every row and label one first."""
 MOST_MAPS = 24
 """A row."""
-WORDS = {"PASS": "every row holds", "MARGINAL": "holds, close to a limit", "FAIL": "a row is below the paper",
+WORDS = {"PASS": "every row holds", "MARGINAL": "holds, close to a limit", "FAIL": "a row does not hold",
          "INCONCLUSIVE": "not enough trials to tell", "ERROR": "the bench itself failed"}
 
 
@@ -29,7 +29,7 @@ def write_campaign_page(folder: Path) -> Path:
         UsageError: the folder has no readable summary of a campaign. BenchError: the page cannot be written.
     """
     summary = read_summary(folder)
-    failed = [t for t in summary["outcomes"] if not trial_verdict(t).accepted]
+    failed = [t for t in summary["outcomes"] if not Verdict(t["verdict"]).accepted]
     drawn = _telling(failed)
     rows = []
     for row in summary["rows"]:
@@ -41,6 +41,8 @@ def write_campaign_page(folder: Path) -> Path:
     return write_page_file(
         folder / PAGE_FILE, "campaign_page.html.j2", {}, summary=summary, words=WORDS[summary["verdict"]], rows=rows,
         rates=rates_figure(summary["rows"]), traversability=against_traversability(summary["rows"]),
+        faults=[fault_cells(row) for row in summary["rows"] if row["acceptable"]],
+        held_to_paper=any(row["paper"] for row in summary["rows"]),
         screening=screening_cells(summary["screening"]), speed=speed_text(summary["metrics"]),
         origin=origin_text(summary),
         labels=Counter(t["label"] for t in failed if t.get("label")).most_common(),

@@ -64,9 +64,27 @@ def aligned(table: list[list[str]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in table]
 
 
+def fault_cells(row: dict[str, Any]) -> list[str]:
+    """Name and faults, verdict, what the flights did, what is acceptable and why."""
+    planted = ", ".join(f"{name}={value:g}" if isinstance(value, float | int) else f"{name}={value}"
+                        for name, value in row["faults"].items())
+    asked = row["acceptable"]
+    limit = asked.get("touched_at_most")
+    may = " or ".join(word.replace("_", " ") for word in asked["may"])
+    may += f", touched in {100 * limit:.0f} % at most" if limit is not None else ""
+    may += f', saying "{asked["says"]}"' if asked.get("says") else ""
+    return [f"{row['name']} ({planted})" if planted else row["name"], row["verdict"], row["reason"],
+            f"{may}: {asked['reason']}"]
+
+
 def table_text(summary: Summary) -> str:
     """The table, comparisons, the campaign's speed and its verdict; `*` marks the rule that decides a row."""
-    lines = aligned([HEAD, *(row_cells(row) for row in summary["rows"])])
+    plain = [row for row in summary["rows"] if not row["acceptable"]]
+    lines = aligned([HEAD, *(row_cells(row) for row in plain)]) if plain else []
+    for row in summary["rows"]:
+        if row["acceptable"]:
+            name, verdict, did, asked = fault_cells(row)
+            lines += [f"{verdict:<12} {name}", f"             did: {did}", f"             acceptable: {asked}"]
     lines += [f"{c['name']}: {c['verdict']}, {c['reason']}" for c in summary["comparisons"]]
     if summary["screening"] is not None:
         lines += ["", *aligned(screening_cells(summary["screening"])),

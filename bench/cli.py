@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench import campaign_cli, hil_cli, preflight_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
+from bench import campaign_cli, compare_cli, hil_cli, preflight_cli, rig_cli, runs_cli, sitl_cli, stand_cli, sweep_cli
 from bench.supervisor import cli as supervisor_cli
 from saranga.errors import BenchError
 
@@ -30,6 +30,7 @@ app.add_typer(stand_cli.app, name="stand")
 runs_cli.add_commands(app)
 app.command(epilog=campaign_cli.EXAMPLES)(campaign_cli.campaign)
 app.command(epilog=hil_cli.EXAMPLES)(hil_cli.hil)
+app.command(epilog=compare_cli.EXAMPLES)(compare_cli.compare)
 sweep_cli.add_commands(app)
 
 FLY_EXAMPLES = f"""\b
@@ -41,6 +42,8 @@ Examples:
   saranga-bench fly poles --trials 10 --stack none
       the same courses flown straight: must fail
   saranga-bench fly poles --fault dead_sensor=right --fault dead_sensor_at_s=5
+  saranga-bench fly poles --trials 20 --baseline 3fa9
+      not worse than that run? Pairs of flights, intervals
   saranga-bench fly my/scene.toml --trials 20 --limits my/limits.toml
 
 One flight is judged by its outcome. Several are held to fixtures/limits/SCENE.toml
@@ -84,6 +87,9 @@ def fly(
     record: Annotated[
         bool, typer.Option("--record/--no-record", help="Write a Rerun recording of each flight.")
     ] = True,
+    baseline: Annotated[
+        str | None, typer.Option(metavar="RUN", help="Hold these flights to an earlier run of the same seeds.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Fly a scene, judge it, keep everything in a run folder."""
@@ -94,6 +100,8 @@ def fly(
 
     if not math.isfinite(max_sim_s) or max_sim_s <= 0:
         raise UsageError(f"--max-sim-s {max_sim_s}: must be a positive number of seconds")
+    from bench.baseline.command import hold_to, load_baseline
+    from bench.baseline.report import comparison_text
     from bench.flight_summary import exit_code
     from bench.fly import fly as fly_plan
     from bench.fly import make_plan
@@ -116,20 +124,25 @@ def fly(
         max_sim_s=max_sim_s,
     )
     plan = make_plan(request, trials, limits, live, record, tuple(sys.argv[1:]))
+    store = Store(runs_root(out))
+    held = load_baseline(baseline, store, [plan.request]) if baseline is not None else None
     reporter = make_reporter(trials, quiet)
     # With --json nothing that a library prints may end up beside the object.
     guard = contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
     with guard, interruptible() as interrupts:
         try:
-            summary, _ = fly_plan(plan, Store(runs_root(out)), reporter, interrupts)
+            summary, run = fly_plan(plan, store, reporter, interrupts)
         finally:
             reporter.close()
+    against = hold_to(held, run.folder, summary) if held is not None and summary["outcomes"] else None
     for text in summary["errors"]:
         print(f"error: {text}", file=sys.stderr)
     if as_json:
         print_json(summary)
     else:
         print(summary_text(summary, colour=sys.stdout.isatty()))
+        if against is not None:
+            print(comparison_text(against))
     raise typer.Exit(exit_code(summary))
 
 

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.baseline.inputs import world_inputs
+from bench.flight_markdown import flight_summary_markdown
 from bench.flight_summary import METRIC_UNITS, limit_to_dict, summarise, trial_verdict
 from bench.interrupt import Interrupts
 from bench.journal import FILE_NAME, Journal, open_journal, read_journal
 from bench.provenance import git_state, sha256_of, versions
+from bench.step_summary import publish_step_summary
 from bench.store import Run, Store, write_json
 from bench.terminal import Reporter
 from bench.verdict import Limit, find_limits, load_limits
@@ -223,6 +225,8 @@ def close_run(store: Store, run: Run, state: str) -> dict[str, Any]:
         **{k: summary["metrics"][k] for k in ("trials", "success_rate_strict", "realtime_factor")},
     }
     store.finish(run, state, summary["verdict"], short)
+    with contextlib.suppress(OSError):
+        publish_step_summary(run.folder, flight_summary_markdown(summary, run.info.get("title") or run.folder.name))
     return summary
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.baseline.inputs import world_inputs
+from bench.campaign.behaviour import behaviour_of
 from bench.campaign.flying import Task
 from bench.campaign.identity import identity_of
 from bench.campaign.suite import Suite, parse_suite
@@ -17,6 +19,7 @@ from bench.flight_summary import NOT_JUDGED
 from bench.interrupt import Interrupts
 from bench.journal import FILE_NAME, Journal, open_journal, read_journal
 from bench.provenance import git_state, versions
+from bench.step_summary import publish_step_summary
 from bench.store import Run, Store, read_run, write_json
 from saranga.errors import UsageError
 
@@ -62,7 +65,8 @@ def run_campaign(plan: Plan, store: Store, interrupts: Interrupts, say: Say,
     tasks = [task for task in tasks_of(plan.suite) if task.key not in flown]
     state, started = "finished", time.monotonic()
     with open_journal(run.folder / FILE_NAME, run_kind=RUN_KIND, run=str(run.folder), **identity,
-                      versions=versions(), git=git_state(), argv=list(plan.argv)) as journal:
+                      versions=versions(), git=git_state(), argv=list(plan.argv),
+                      inputs=world_inputs(plan.suite.request(row, 0) for row in plan.suite.rows)) as journal:
         try:
             if tasks:
                 workers = plan.make_workers()
@@ -168,29 +172,22 @@ def suite_of(folder: Path) -> Suite:
 def _flown(folder: Path) -> set[tuple[str, int]]:
     """Trials that count: what broke off or was interrupted is flown again by --resume."""
     return {(r["row"], r["seed"]) for r in read_journal(folder / FILE_NAME).of("trial")
-            if r.get("result") is not None and r["result"]["outcome"] not in NOT_JUDGED}
+            if r.get("result") is not None and (r["result"]["outcome"] not in NOT_JUDGED
+                                                or behaviour_of(r["result"]) in ("held", "lost"))}
 
 
 def publish_campaign(folder: Path, summary: dict[str, Any], say: Say) -> None:
-    """Page, JUnit and the summary of a CI step; a page that cannot be drawn fails no flight."""
+    """JUnit, the summary of a CI step, and the page; a page that cannot be drawn fails no flight."""
     from bench.campaign_junit import write_campaign_junit
     from bench.campaign_markdown import markdown_summary
     from bench.campaign_page import write_campaign_page
 
     for what, make in (
         ("JUnit", lambda: write_campaign_junit(folder / "junit.xml", summary)),
-        ("summary", lambda: _step_summary(folder, markdown_summary(summary))),
+        ("summary", lambda: publish_step_summary(folder, markdown_summary(summary))),
         ("page", lambda: write_campaign_page(folder)),
     ):
         try:
             make()
         except Exception as error:
             say(f"no {what} ({type(error).__name__}: {error}): `saranga-bench report {folder}` tries again")
-
-
-def _step_summary(folder: Path, text: str) -> None:
-    (folder / "summary.md").write_text(text, encoding="utf-8")
-    step = os.environ.get("GITHUB_STEP_SUMMARY")
-    if step:
-        with contextlib.suppress(OSError), Path(step).open("a", encoding="utf-8") as file:
-            file.write(text)

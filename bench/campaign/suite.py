@@ -6,9 +6,10 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from bench.campaign.behaviour import Acceptable
 from saranga.errors import UsageError
 from saranga.fixtures import fixture_names, fixture_path, load_toml
-from sitl.trial_types import TrialRequest
+from sitl.trial_types import Faults, TrialRequest
 from sitl.validation import Positive, Table, validate
 
 Rule = Literal["strict", "lenient"]
@@ -43,7 +44,10 @@ class Head(Table):
 
 
 class Row(Table):
-    """[[row]]: one line of the table. `rule` says whether a touched net fails ("strict") or not ("lenient")."""
+    """[[row]]: one line of the table. `rule` says whether a touched net fails ("strict") or not ("lenient").
+
+    `faults` are planted as by `fly --fault`; with `[row.acceptable]` the row is held to that and to no rate.
+    """
 
     name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$")
     scene: str
@@ -56,16 +60,36 @@ class Row(Table):
     sonar: str | None = None
     autopilot: Literal["embedded", "arducopter"] | None = None
     paper: Paper | None = None
+    faults: dict[str, float | str] = Field(default_factory=dict)
+    acceptable: Acceptable | None = None
+
+    @model_validator(mode="after")
+    def _one_rule(self) -> "Row":
+        if self.acceptable is not None and self.paper is not None:
+            raise ValueError("a row is held to the paper or to [row.acceptable], not to both")
+        if self.faults and self.acceptable is None:
+            raise ValueError("faults without [row.acceptable]: say what is acceptable, and why")
+        return self
+
+    @property
+    def planted(self) -> Faults | None:
+        """The faults of every flight of the row; None without any."""
+        found = Faults.parse([f"{name}={value:g}" if isinstance(value, float | int) else f"{name}={value}"
+                              for name, value in self.faults.items()])
+        return found if found.any() else None
 
 
 class Comparison(Table):
-    """[[comparison]]: two rows flown over the same seeds."""
+    """[[comparison]]: two rows flown over the same seeds.
+
+    `expect` "regression": b must be found worse than a by what `--baseline` looks at (`bench.baseline.verdict`).
+    """
 
     name: str
     a: str
     b: str
     rule: Rule = "strict"
-    expect: Literal["a_better", "b_better", "different"] = "a_better"
+    expect: Literal["a_better", "b_better", "different", "regression"] = "a_better"
     p_below: float = Field(default=0.01, gt=0.0, lt=1.0)
 
 
@@ -96,7 +120,7 @@ class Suite:
         return TrialRequest(scene=row.scene, seed=seed, autopilot=row.autopilot or self.head.autopilot,
                             stack=stack,
                             denoiser=row.denoiser or self.head.denoiser, shield=row.shield or self.head.shield,
-                            sonar=sonar)
+                            sonar=sonar, faults=row.planted)
 
     def seeds(self, row: Row) -> range:
         """Seeds of a row."""
@@ -131,9 +155,15 @@ class Suite:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready; `parse_suite` reads it again."""
-        return {"suite": self.head.model_dump(), "row": [r.model_dump(exclude_none=True) for r in self.rows],
+        return {"suite": self.head.model_dump(), "row": [_row_dict(r) for r in self.rows],
                 "comparison": [c.model_dump() for c in self.comparisons],
                 "screening": [c.model_dump() for c in self.screenings]}
+
+
+def _row_dict(row: Row) -> dict[str, Any]:
+    """As JSON has it, so that a suite read back from a journal is equal."""
+    found = row.model_dump(mode="json", exclude_none=True)
+    return found if row.faults else {key: value for key, value in found.items() if key != "faults"}
 
 
 def load_suite(name: str) -> Suite:
@@ -155,6 +185,7 @@ def parse_suite(tables: dict[str, Any], path: Path) -> Suite:
                              "[[screening]]")
     head = validate(Head, tables.get("suite"), f"{path}: [suite]")
     rows = tuple(validate(Row, table, f"{path}: [[row]] {k}") for k, table in enumerate(tables.get("row") or [], 1))
+    _check_faults(rows, path)
     comparisons = tuple(validate(Comparison, table, f"{path}: [[comparison]] {k}")
                         for k, table in enumerate(tables.get("comparison") or [], 1))
     screenings = tuple(validate(Screening, table, f"{path}: [[screening]] {k}")
@@ -174,6 +205,14 @@ def parse_suite(tables: dict[str, Any], path: Path) -> Suite:
     suite = Suite(path, head, rows, comparisons, screenings)
     _check_names(suite)
     return suite
+
+
+def _check_faults(rows: tuple[Row, ...], path: Path) -> None:
+    for row in rows:
+        try:
+            _ = row.planted
+        except UsageError as error:
+            raise UsageError(f"{path}: row {row.name}: {error}") from None
 
 
 def _exists(folder: str, name: str) -> bool:

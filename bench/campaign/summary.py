@@ -6,6 +6,9 @@ from pathlib import Path
 from statistics import mean, median, pstdev
 from typing import Any
 
+from bench.baseline.flights import Pairs
+from bench.baseline.verdict import compare
+from bench.campaign.behaviour import Acceptable, behaviour_of, judge_row
 from bench.campaign.screening import screening_of
 from bench.flight_summary import NOT_JUDGED, replay_command, trial_verdict
 from bench.journal import FILE_NAME, Records, read_journal
@@ -18,7 +21,7 @@ from saranga.errors import UsageError
 SUMMARY_FILE = "summary.json"
 OUTCOME_KEYS = ("outcome", "cause", "label", "label_reason", "success_strict", "success_lenient", "min_clearance_m",
                 "duration_s", "path_length_m", "path_excess", "realtime_factor", "wall_s", "sim_s",
-                "determinism_hash", "autopilot")
+                "determinism_hash", "autopilot", "measures")
 KEYS = {"strict": "success_strict", "lenient": "success_lenient"}
 
 Trial = dict[str, Any]
@@ -45,12 +48,18 @@ def summarise_campaign(journal: Records, folder: Path | None = None) -> dict[str
     last: dict[tuple[str, int], dict[str, Any]] = {(r["row"], r["seed"]): r for r in journal.of("trial")}
     order = {row["name"]: k for k, row in enumerate(suite["row"])}
     outcomes = [_outcome(r) for _, r in sorted(last.items(), key=lambda item: (order.get(item[0][0], 99), item[0][1]))]
-    rows = [_row(row, suite["suite"], [t for t in outcomes if t["row"] == row["name"]]) for row in suite["row"]]
+    held = {row["name"]: Acceptable.model_validate(row["acceptable"]) for row in suite["row"] if row.get("acceptable")}
+    for trial in outcomes:
+        if trial["row"] in held:
+            trial["verdict"] = _fault_verdict(held[trial["row"]], trial).value
+    rows = [_row(row, suite["suite"], [t for t in outcomes if t["row"] == row["name"]], held.get(row["name"]))
+            for row in suite["row"]]
     comparisons = [_comparison(c, outcomes) for c in suite.get("comparison", [])]
     rules = {row["name"]: row.get("rule", "strict") for row in suite["row"]}
     screening = screening_of(suite.get("screening", []), rules, outcomes, folder)
     errors = [r["error"] for r in journal.of("error")]
-    errors += [f"{t['row']} seed {t['seed']}: {t['cause']}" for t in outcomes if t["outcome"] == "infrastructure"]
+    errors += [f"{t['row']} seed {t['seed']}: {t['cause']}" for t in outcomes if t["outcome"] == "infrastructure"
+               and not (t["row"] in held and t["behaviour"] != "broken")]
     if journal.damaged_lines:
         errors.append(f"journal lines {journal.damaged_lines} cannot be read")
     planned = sum(row["planned"] for row in rows)
@@ -80,15 +89,31 @@ def _outcome(record: dict[str, Any]) -> Trial:
             **{key: result.get(key) for key in OUTCOME_KEYS}, "traversability": record.get("traversability"),
             "worker": record.get("worker"), "memory_mb": record.get("memory_mb"),
             "weights_sha256": result.get("weights_sha256"), "runtime": result.get("runtime"),
-            "verdict": trial_verdict(result).value, "replay": replay_command(record["request"], record["seed"]),
+            "verdict": trial_verdict(result).value, "behaviour": behaviour_of(result),
+            "replay": replay_command(record["request"], record["seed"]),
             "files": record.get("files", {})}
 
 
-def _row(row: dict[str, Any], head: dict[str, Any], trials: list[Trial]) -> dict[str, Any]:
+def _fault_verdict(acceptable: Acceptable, trial: Trial) -> Verdict:
+    """Of one flight with a fault planted; the row has the last word."""
+    if trial["outcome"] == "interrupted":
+        return Verdict.INCONCLUSIVE
+    alone = judge_row(acceptable.model_copy(update={"touched_at_most": None}), [trial], 1).verdict
+    allowed = alone is Verdict.FAIL and trial["behaviour"] == "touched" and acceptable.touched_at_most is not None
+    return Verdict.MARGINAL if allowed else alone
+
+
+def _row(row: dict[str, Any], head: dict[str, Any], trials: list[Trial], acceptable: Acceptable | None
+         ) -> dict[str, Any]:
     judged = [t for t in trials if t["outcome"] not in NOT_JUDGED]
     rule = row.get("rule", "strict")
     planned = row.get("trials") or head["trials"]
-    verdict, reason, needed, sprt = _row_verdict(row, rule, trials, judged, planned)
+    if acceptable is None:
+        verdict, reason, needed, sprt = _row_verdict(row, rule, trials, judged, planned)
+    else:
+        judged = [t for t in trials if t["outcome"] != "interrupted" and t["behaviour"] != "broken"]
+        did = judge_row(acceptable, [t for t in trials if t["outcome"] != "interrupted"], planned)
+        verdict, reason, needed, sprt = did.verdict, did.reason, did.trials_needed, None
     courses = _numbers(trials, "traversability")
     paper = row.get("paper")
     return {
@@ -104,6 +129,8 @@ def _row(row: dict[str, Any], head: dict[str, Any], trials: list[Trial]) -> dict
             "mean": mean(courses), "std": pstdev(courses), "paper": (paper or {}).get("traversability")},
         "outcomes": dict(Counter(t["outcome"] for t in trials)),
         "labels": dict(Counter(t["label"] for t in trials if t["label"])),
+        "faults": row.get("faults") or {}, "acceptable": row.get("acceptable"),
+        "behaviours": dict(Counter(t["behaviour"] for t in trials)) if acceptable is not None else None,
         "realtime_factor": _median(trials, "realtime_factor"),
         "min_clearance_m": min(_numbers(judged, "min_clearance_m"), default=None),
         "duration_s": _median(judged, "duration_s"), "path_excess": _median(judged, "path_excess"),
@@ -125,7 +152,9 @@ def _row_verdict(row: dict[str, Any], rule: str, trials: list[Trial], judged: li
 
 
 def _comparison(comparison: dict[str, Any], outcomes: list[Trial]) -> dict[str, Any]:
-    """McNemar over the seeds that both rows flew."""
+    """McNemar over the seeds that both rows flew, or the regression verdict."""
+    if comparison["expect"] == "regression":
+        return _regression(comparison, outcomes)
     key = KEYS[comparison["rule"]]
     sides = [{t["seed"]: t[key] is True for t in outcomes
               if t["row"] == comparison[side] and t["outcome"] not in NOT_JUDGED} for side in ("a", "b")]
@@ -145,6 +174,19 @@ def _comparison(comparison: dict[str, Any], outcomes: list[Trial]) -> dict[str, 
         verdict, reason = Verdict.INCONCLUSIVE, f"{seen}; {comparison['p_below']:g} was asked for"
     return {**{k: comparison[k] for k in ("name", "a", "b", "rule", "expect")}, "pairs": len(seeds), "only_a": only_a,
             "only_b": only_b, "p_value": p, "verdict": verdict.value, "reason": reason}
+
+
+def _regression(comparison: dict[str, Any], outcomes: list[Trial]) -> dict[str, Any]:
+    """Is b found worse than a by any measure? A worsening that is not found is a FAIL of the bench."""
+    a, b = ({t["seed"]: t for t in outcomes if t["row"] == comparison[side] and t["outcome"] not in NOT_JUDGED}
+            for side in ("a", "b"))
+    seeds = sorted(set(a) & set(b))
+    found = compare(Pairs((), tuple(b[s] for s in seeds), tuple(a[s] for s in seeds)))
+    verdict = {Verdict.FAIL: Verdict.PASS, Verdict.INCONCLUSIVE: Verdict.INCONCLUSIVE}.get(found.verdict, Verdict.FAIL)
+    said = "worse, as it must be" if verdict is Verdict.PASS else "not found to be worse" * (verdict is Verdict.FAIL)
+    return {**{k: comparison[k] for k in ("name", "a", "b", "rule", "expect")}, "pairs": len(seeds), "only_a": None,
+            "only_b": None, "p_value": None, "verdict": verdict.value,
+            "reason": ": ".join(text for text in (said, found.reason) if text)}
 
 
 def _metrics(journal: Records, outcomes: list[Trial], rows: list[dict[str, Any]], planned: int) -> dict[str, Any]:
