@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from bench.preflight.evidence import Heard, VehicleEvidence
+from bench.preflight.evidence import MEASURED, Heard, VehicleEvidence, percentile
 from bench.preflight.guard import GuardedLink
 from saranga.errors import DeviceError
 from saranga.vehicle import VehicleLink
@@ -21,6 +21,7 @@ OWN_SYSTEM = 254
 """Not 255: the autopilot must not take us for the ground station whose loss is a failsafe."""
 ARMED = "the vehicle is armed: gathering stopped at once, nothing more was asked"
 STOPPED_BY_OPERATOR = "interrupted by the operator"
+LATE_MS, MORE_TRIES, PINGS_AGAIN = 50.0, 2, 30
 Say = Callable[[str], None]
 Stop = Callable[[], bool]
 
@@ -230,6 +231,28 @@ class Conversation:
         evidence.watch_s = (began, self._now())
         self.pump(deadlines.answer_s, lambda: not self._sent_ns)
         evidence.prearm_result = self.acks.get(mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+        self.ping_again(deadlines)
+
+    def ping_again(self, deadlines: Deadlines) -> None:
+        """A simulator shares this computer: what was late because of that is measured anew, the best try counts.
+
+        A vehicle that is really there has one try: what is late now and then there will be so in flight.
+        """
+        evidence = self.evidence
+        best = (evidence.round_trips_ms, evidence.round_trips_asked, evidence.round_trips_s)
+        for _ in range(MORE_TRIES if evidence.origin != MEASURED else 0):
+            if percentile(best[0], 0.9) <= LATE_MS or not best[0] or evidence.stopped:
+                break
+            self._sent_ns.clear()
+            evidence.round_trips_ms, evidence.round_trips_asked = [], 0
+            for _ in range(PINGS_AGAIN):
+                self._ping(self._now())
+                self.pump(deadlines.ping_period_s)
+            self.pump(deadlines.answer_s, lambda: not self._sent_ns)
+            tried = (evidence.round_trips_ms, evidence.round_trips_asked, evidence.round_trips_s)
+            if len(tried[0]) >= 0.9 * tried[1] and percentile(tried[0], 0.9) < percentile(best[0], 0.9):
+                best = tried
+        evidence.round_trips_ms, evidence.round_trips_asked, evidence.round_trips_s = best
 
     def _ping(self, now: float) -> None:
         stamp = round(now * 1e9)

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -88,7 +89,7 @@ def preflight(plan: Plan, store: Store, say: Say = lambda text: None, stop: Stop
         if key is not None:
             result = signed(result, key)
         if evidence.vehicle is not None:
-            write_json(run.folder / VEHICLE_FILE, dataclasses.asdict(evidence.vehicle))
+            write_json(run.folder / VEHICLE_FILE, _finite(dataclasses.asdict(evidence.vehicle)))
         write_json(run.folder / RESULT_FILE, result)
         write_page(result, run.folder / PAGE_FILE)
     except UsageError:
@@ -256,6 +257,15 @@ def judge_evidence(plan: Plan, evidence: Evidence, limits: list[Limit], rig_limi
         },
         "run": None,
     }
+
+
+def _finite(value: Any) -> Any:
+    """With None for what is no number: JSON has no word for it, and vehicles do say NaN."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _plain(plan: Plan) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Every check on the evidence: rows for a person and for a script, worst first."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
@@ -45,8 +46,12 @@ def examine(evidence: Evidence, limits: Sequence[Limit], rig_limits: Sequence[Li
     rows = []
     for name, module in plugins(bench.preflight.checks).items():
         origin = _origin(name, evidence)
-        for finding in module.build()(evidence):
-            rows.append(_row(name, finding, _judge(finding, by_name, origin), evidence))
+        try:
+            judged = [_row(name, finding, _judge(finding, by_name, origin), evidence)
+                      for finding in module.build()(evidence)]
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            judged = [_crashed(name, error, origin)]
+        rows += judged
     rows += _rig_rows(evidence, list(rig_limits))
     most = by_name[AGE_LIMIT].hi or 0.0
     rows = [_bypassed(_aged(row, most), skip) for row in rows]
@@ -78,7 +83,8 @@ def _judge(finding: Finding, limits: dict[str, Limit], origin: str) -> Check:
 
 def _row(name: str, finding: Finding, checked: Check, evidence: Evidence) -> dict[str, Any]:
     row = checked.to_dict()
-    age_s = None if finding.heard_s is None else round(max(evidence.now_s - finding.heard_s, 0.0), 2)
+    known = finding.heard_s is not None and math.isfinite(finding.heard_s)
+    age_s = round(max(evidence.now_s - (finding.heard_s or 0.0), 0.0), 2) if known else None
     if finding.bypassed:
         row["why"] = f"BYPASSED: {finding.bypassed}"
     elif finding.seen and finding.seen not in row["why"] and checked.verdict is not Verdict.ERROR:
@@ -86,6 +92,14 @@ def _row(name: str, finding: Finding, checked: Check, evidence: Evidence) -> dic
     action = NOTHING if checked.verdict is Verdict.PASS else finding.action
     return {**row, "check": name, "of": finding.of, "age_s": age_s, "seen": finding.seen, "action": action,
             "bypassed": bool(finding.bypassed)}
+
+
+def _crashed(name: str, error: Exception, origin: str) -> dict[str, Any]:
+    """A check that fell over what it was given: that is its answer, and it is not PASS."""
+    why = f"the check itself failed on this evidence: {type(error).__name__}: {error}"
+    checked = Check(f"{name} (crashed)", Verdict.ERROR, None, "1", "", why, origin)
+    return {**checked.to_dict(), "check": name, "of": "", "age_s": None, "seen": "", "bypassed": False,
+            "action": "look at vehicle.json in the run folder for values that make no sense, and report this"}
 
 
 def _rig_rows(evidence: Evidence, limits: list[Limit]) -> list[dict[str, Any]]:

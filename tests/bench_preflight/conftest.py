@@ -2,18 +2,14 @@
 
 import copy
 import json
-import math
 from pathlib import Path
 
 import pytest
-from parked_link import ask
+from parked_link import ask, ask_rig
 
 from bench.preflight.evidence import Evidence, Heard, StackSide, VehicleEvidence
 from bench.preflight.parameter_difference import wanted_parameters
 from bench.preflight.rig_side import RigSide
-from bench.rig.check import CheckPlan
-from bench.rig.check import gather as gather_rig
-from bench.rig.driver import Rig
 
 RECORDED = Path(__file__).parent / "clean_arducopter.json"
 
@@ -31,18 +27,7 @@ def load_vehicle(path: Path) -> VehicleEvidence:
 
 @pytest.fixture(scope="session")
 def rig_side() -> RigSide:
-    import sys
-
-    sys.path.insert(0, str(Path(__file__).parent.parent / "bench_rig"))
-    from simulated_rig import SimulatedLink
-
-    link = SimulatedLink()
-    rig = Rig(link, now=link.now, sleep=link.sleep)
-    rig.open()
-    plan = CheckPlan("emulated:", seconds=5.0, reflector="right", reflector_range_m=0.8)
-    side = RigSide("emulated:", gather_rig(rig, plan), rig.origin, math.nan)
-    rig.close()
-    return side
+    return ask_rig()
 
 
 @pytest.fixture(scope="session")

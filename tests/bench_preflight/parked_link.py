@@ -1,6 +1,9 @@
 """A parked vehicle on a byte link in simulated time: a busy machine changes nothing."""
 
+import math
+import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from bench.preflight.collect import Conversation, Deadlines, gather
@@ -8,10 +11,17 @@ from bench.preflight.command import Plan, judge_evidence
 from bench.preflight.evidence import Evidence
 from bench.preflight.guard import GuardedLink
 from bench.preflight.parameter_difference import wanted_parameters
+from bench.preflight.rig_side import RigSide
+from bench.rig.check import CheckPlan
+from bench.rig.check import gather as gather_rig
+from bench.rig.driver import Rig
 from bench.verdict import load_limits
 from saranga.errors import BenchError
 from sitl.parked import BOOT_S, ParkedVehicle
 from sitl.parked_faults import parse_parked_faults
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench_rig"))
+from simulated_rig import SimulatedLink
 
 QUICK = Deadlines(connect_s=3.0, identify_s=2.0, parameters_s=5.0, settle_s=0.5, watch_s=4.0, answer_s=0.5)
 
@@ -61,6 +71,22 @@ def ask(*faults: str, kind: str = "embedded", seed: int = 1, system: int = 1) ->
         link.close()
     evidence.now_s = link.now()
     return evidence, link
+
+
+def ask_rig(*faults: str, seconds: float = 5.0) -> RigSide:
+    """What an emulated rig with these faults says, in simulated time.
+
+    Raises:
+        DeviceError: it goes away, or its firmware is another.
+    """
+    link = SimulatedLink(*faults)
+    rig = Rig(link, now=link.now, sleep=link.sleep)
+    rig.open()
+    try:
+        plan = CheckPlan("emulated:", seconds=seconds, reflector="right", reflector_range_m=0.8)
+        return RigSide("emulated:", gather_rig(rig, plan), rig.origin, math.nan)
+    finally:
+        rig.close()
 
 
 def with_rest(evidence: Evidence, rest: Evidence) -> Evidence:

@@ -90,7 +90,7 @@ RIG = [
     plant("fop_drift_hz_s=20", "fop_drift_hz_s left", "drifting"),
     plant("clock_ppm=4000", "clock_drift_ppm"),
     plant("firmware=2.0", "", "firmware"),
-    plant("hang_at_s=4", "", "come back"),
+    plant("hang_at_s=4", "", "hung"),
 ]
 
 

@@ -1,11 +1,18 @@
 """Asking a vehicle, in simulated time: the embedded autopilot, clean and with faults planted in it."""
 
+import dataclasses
+import json
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from parked_link import QUICK, ParkedLink, ask, judged, with_rest
 from planted import VEHICLE, caught
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from bench.preflight.collect import ARMED, WATCH, Conversation, gather
+from bench.preflight.command import _finite
+from bench.preflight.evidence import Evidence
 from bench.preflight.fix import fix_parameters
 from bench.preflight.guard import READ_ONLY_COMMANDS, GuardedLink, harmless
 from bench.preflight.parameter_difference import difference, wanted_parameters
@@ -178,3 +185,57 @@ def test_without_anybody_to_confirm_it_is_bad_input(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(UsageError, match="somebody who confirms"):
         fix_parameters(conversation, guard, wanted_parameters())
+
+
+# ---- rubbish -----------------------------------------------------------------------------------------
+NUMBERS = st.one_of(st.floats(width=32), st.just(float("nan")))
+
+
+@st.composite
+def messages(draw) -> bytes:
+    """Well-formed messages with values that make no sense, from any system, and rubbish between them."""
+    mav = mavlink.MAVLink(None, srcSystem=draw(st.sampled_from([1, 1, 1, 7, 255])), srcComponent=1)
+    x, y = draw(NUMBERS), draw(NUMBERS)
+    small = draw(st.integers(0, 255))
+    made = draw(st.sampled_from([
+        mavlink.MAVLink_heartbeat_message(small, small, small & 0x7F, 0, small, 3),
+        mavlink.MAVLink_param_value_message(draw(st.binary(max_size=16)), x, 9, draw(st.integers(0, 65535)), small),
+        mavlink.MAVLink_attitude_message(small, x, y, x, y, x, y),
+        mavlink.MAVLink_ekf_status_report_message(small, x, y, x, y, x, y),
+        mavlink.MAVLink_optical_flow_message(small, 0, 3, -3, x, y, small, x, y, x),
+        mavlink.MAVLink_vibration_message(small, x, y, x, small, small, small),
+        mavlink.MAVLink_system_time_message(0, draw(st.integers(0, 2**32 - 1))),
+        mavlink.MAVLink_timesync_message(draw(st.integers(-2**63, 2**63 - 1)), draw(st.integers(-2**63, 2**63 - 1))),
+        mavlink.MAVLink_statustext_message(small & 7, draw(st.binary(max_size=50)), small, small & 3),
+        mavlink.MAVLink_autopilot_version_message(0, draw(st.integers(0, 2**32 - 1)), 0, 0, 0, [small] * 8, [0] * 8,
+                                                  [0] * 8, 0, 0, 0),
+        mavlink.MAVLink_message_interval_message(small, -small),
+    ]))
+    return draw(st.binary(max_size=9)) + made.pack(mav)
+
+
+class Script(Sink):
+    """Says what it was given, a piece each time, on a clock that turns while somebody reads."""
+
+    def __init__(self, pieces):
+        super().__init__()
+        self.pieces, self.t_s = list(pieces), 100.0
+
+    def read(self, timeout_s):
+        self.t_s += max(timeout_s, 0.01)
+        return self.pieces.pop(0) if self.pieces else b""
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(messages(), max_size=40))
+def test_no_input_crashes_it_hangs_it_passes_or_makes_it_send_harm(pieces):
+    hello = mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3).pack(mavlink.MAVLink(None, 1, 1))
+    link = Script([hello, *pieces])
+    guard = GuardedLink(link)
+    evidence = Evidence(wanted=wanted_parameters())
+    evidence.vehicle = gather(Conversation(guard, now=lambda: link.t_s), [], deadlines=QUICK)
+    evidence.now_s = link.t_s
+    result = judged(evidence)
+    assert not result["go"] and not guard.dropped
+    json.dumps(result, allow_nan=False)
+    json.dumps(_finite(dataclasses.asdict(evidence.vehicle)), allow_nan=False)

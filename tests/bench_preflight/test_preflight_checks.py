@@ -268,3 +268,10 @@ def test_a_real_flight_controller_is_not_asked_for_a_simulators_parameters(clean
     assert rows["parameters_different"]["verdict"] == rows["parameters_absent"]["verdict"] == "PASS"
     assert rows["parameters_different"]["origin"] == "measured"
     assert "clock_rate_error" in rows
+
+
+def test_a_check_that_crashes_is_an_error_not_a_pass(clean):
+    each(clean, "EKF_STATUS_REPORT", flags=float("nan"))
+    result = judged(clean)
+    rows = {row["name"]: row for row in result["checks"]}
+    assert rows["ekf (crashed)"]["verdict"] == "ERROR" and not result["go"]

@@ -41,6 +41,15 @@ def test_the_whole_on_emulated_devices(tmp_path):
     assert any("watching" in text for text in said)
 
 
+@pytest.mark.wall_time
+def test_an_armed_vehicle_ends_it_at_once(tmp_path):
+    plan = Plan("emulated:?fault=says_armed", "tcp://127.0.0.1:1", deadlines=QUICK)
+    result = preflight(plan, Store(tmp_path))
+    assert result["verdict"] == "FAIL" and result["reason"].startswith("NO-GO: vehicle_armed")
+    assert not result["errors"] and result["metrics"]["total_s"] < 20.0
+    assert json.loads((Path(result["run"]) / "vehicle.json").read_text())["stopped"]
+
+
 def test_links_that_fail_are_one_error_and_everything_is_listed(tmp_path, capsys):
     code, out, err = run(["--vehicle", "serial:///dev/nothing-there", "--rig", "tcp://127.0.0.1:1", "--denoiser",
                           "gaussian", "--json", "--quiet", "--out", str(tmp_path)], capsys)
