@@ -15,11 +15,13 @@ from bench.preflight.command import _finite
 from bench.preflight.evidence import Evidence
 from bench.preflight.fix import fix_parameters
 from bench.preflight.guard import READ_ONLY_COMMANDS, GuardedLink, harmless
+from bench.preflight.mavsdk_bridge import ask_mavsdk
 from bench.preflight.parameter_difference import difference, wanted_parameters
 from saranga.errors import DeviceError, UsageError
 from saranga.navigate import VelocityCommand
 from saranga.vehicle import VehicleLink
 from sitl.autopilot.frames import FrameReader
+from sitl.parked import BOOT_S
 from sitl.parked_faults import Disguise, ParkedFaults
 
 EMBEDDED = [planted for planted in VEHICLE if not planted.real_only]
@@ -79,6 +81,38 @@ def test_rubbish_is_told_apart_from_silence():
     link = Rubbish()
     with pytest.raises(DeviceError, match=r"no heartbeat in 3 s; \d+ bytes that are no MAVLink"):
         gather(Conversation(GuardedLink(link), now=link.now), [], deadlines=QUICK)
+
+
+def test_a_link_that_breaks_is_told():
+    class Broken(ParkedLink):
+        def read(self, timeout_s):
+            if self.now() > BOOT_S["embedded"] + 4.0:
+                raise DeviceError("simulated: lost: was it unplugged?")
+            return super().read(timeout_s)
+
+    link = Broken()
+    with pytest.raises(DeviceError, match="unplugged"):
+        gather(Conversation(GuardedLink(link), now=link.now), [], deadlines=QUICK)
+
+
+def test_parameters_that_do_not_come_are_asked_for_by_name():
+    link = ParkedLink("drop=0.5")
+    conversation = Conversation(GuardedLink(link), now=link.now)
+    conversation.connect(10.0)
+    conversation.read_parameters(20.0, ["GUID_TIMEOUT", "FS_GCS_ENABLE", "BATT_LOW_VOLT"])
+    assert {"GUID_TIMEOUT", "FS_GCS_ENABLE", "BATT_LOW_VOLT"} <= set(conversation.evidence.parameters)
+    link.close()
+
+
+def test_mavsdk_that_cannot_start_is_an_answer(monkeypatch):
+    monkeypatch.setattr("bench.preflight.mavsdk_bridge.sys.executable", "/bin/false")
+    assert "ended with code 1" in ask_mavsdk(GuardedLink(Sink()), 10.0)["failed"]
+    monkeypatch.setattr("bench.preflight.mavsdk_bridge.sys.executable", "/nowhere/python")
+    assert "cannot be started" in ask_mavsdk(GuardedLink(Sink()), 10.0)["failed"]
+
+
+def test_mavsdk_that_takes_too_long_is_cut_off():
+    assert ask_mavsdk(GuardedLink(Sink()), 0.3)["failed"] == "MAVSDK was not done in time"
 
 
 # ---- the guard ---------------------------------------------------------------------------------------

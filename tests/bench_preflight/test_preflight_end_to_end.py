@@ -7,10 +7,14 @@ nothing. Clean starts are made both so and in wall time through real ports, with
 from pathlib import Path
 
 import pytest
-from parked_link import ask, judged, with_rest
+from parked_link import QUICK, ParkedLink, ask, judged, with_rest
 from planted import VEHICLE, caught
 
+from bench.preflight.collect import Conversation, gather
 from bench.preflight.command import Plan, preflight
+from bench.preflight.fix import fix_parameters
+from bench.preflight.guard import GuardedLink
+from bench.preflight.parameter_difference import difference, wanted_parameters
 from bench.store import Store
 from sitl.autopilot.binary import why_absent
 
@@ -46,3 +50,21 @@ def test_a_clean_start_through_real_ports_is_a_go_within_a_minute(tmp_path: Path
     print(f"{port}: {result['metrics']['total_s']} s, {result['metrics']['phases_s']}, {result['reason']}")
     assert result["go"], result["reason"]
     assert result["metrics"]["total_s"] < 60.0
+    assert result["metrics"]["mavsdk"]["version"][:2] == [4, 7]
+
+
+def test_a_log_is_fetched_through_mavsdk(tmp_path: Path):
+    result = preflight(Plan("emulated:arducopter", "emulated:", download_log=True), Store(tmp_path))
+    assert result["metrics"]["mavsdk"]["log"]["size_bytes"] > 100_000
+    assert (Path(result["run"]) / "vehicle.bin").read_bytes()[:2] == b"\xa3\x95"
+
+
+def test_parameters_are_fixed_on_the_real_firmware():
+    link = ParkedLink("MOT_THST_EXPO=0.3", "FS_GCS_ENABLE=0", "BATT_LOW_VOLT=0", kind="arducopter")
+    guard = GuardedLink(link)
+    conversation = Conversation(guard, now=link.now)
+    gather(conversation, [], deadlines=QUICK)
+    done = fix_parameters(conversation, guard, wanted_parameters(), lambda prompt: "WRITE")
+    link.close()
+    assert len(done.written) == 3 and not done.failed
+    assert not difference(conversation.evidence, wanted_parameters()).different
