@@ -75,6 +75,8 @@ room, propellers still. Then:
   saranga-bench rig check serial:///dev/ttyACM0 --reflector none --json
       without a pole; whether left is left then stays open
   saranga-bench rig check tcp://127.0.0.1:5555 --range 0.8 --temperature 23
+  saranga-bench rig check "emulated:?fault=swapped_sensors"
+      a rehearsal on an emulated rig with a pole at 0.8 m, and what a fault looks like
 
 Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 130 interrupted.
 """
@@ -82,7 +84,7 @@ Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 13
 
 @app.command(epilog=CHECK_EXAMPLES)
 def check(
-    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N] or tcp://host:port.")],
+    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N], tcp://host:port or emulated:")],
     seconds: Annotated[float, typer.Option(help="Of both runs together.")] = 10.0,
     rate: Annotated[float, typer.Option(help="Triggers a second, Hz.")] = 50.0,
     sonar: Annotated[str, typer.Option(help="Where the sensors sit: a name in fixtures/sonars, or a path.")] = "pair",
@@ -96,11 +98,12 @@ def check(
     """Is the rig in order? Links, ring-down, noise, synchronisation, roles, losses, each with its limit."""
     from bench.interrupt import EXIT_INTERRUPTED, interruptible
     from bench.rig.check import CheckPlan, check_rig
+    from bench.rig.rehearsal import live_url
     from bench.store import Store, runs_root
     from bench.verdict import Verdict
 
-    plan = CheckPlan(url, seconds, rate, sonar, reflector, range_m, temperature, limits)
-    with interruptible() as interrupts:
+    with interruptible() as interrupts, live_url(url) as live:
+        plan = CheckPlan(live, seconds, rate, sonar, reflector, range_m, temperature, limits)
         summary = check_rig(plan, Store(runs_root(out)), interrupts.asked)
     print(json.dumps(summary, allow_nan=False, default=str) if as_json else _check_text(summary))
     raise typer.Exit(EXIT_INTERRUPTED if interrupts.asked() else Verdict(summary["verdict"]).exit_code)
@@ -125,7 +128,7 @@ The recording plays anywhere with file:echoes.mcap, or behind a port with rig re
 
 @app.command(epilog=RECORD_EXAMPLES)
 def record(
-    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N] or tcp://host:port.")],
+    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N], tcp://host:port or emulated:")],
     out: Annotated[Path, typer.Option(help="New recording, .mcap; never overwritten.")],
     seconds: Annotated[float | None, typer.Option(help="How long [until Ctrl-C].")] = None,
     mode: Annotated[str, typer.Option(help="transmit (transmit/receive) or receive (noise only).")] = "transmit",
@@ -140,10 +143,11 @@ def record(
     from bench.interrupt import interruptible
     from bench.rig.record import RecordPlan
     from bench.rig.record import record as record_rig
+    from bench.rig.rehearsal import live_url
     from bench.verdict import Verdict
 
-    plan = RecordPlan(url, out, seconds, mode, rate, odr, samples, ring_down, temperature)
-    with interruptible() as interrupts:
+    with interruptible() as interrupts, live_url(url) as live:
+        plan = RecordPlan(live, out, seconds, mode, rate, odr, samples, ring_down, temperature)
         done = record_rig(plan, interrupts.asked, lambda s, n: print(f"{s:.0f} s, {n} cycles", file=sys.stderr))
     losses = done["losses"]
     print(json.dumps(done, allow_nan=False) if as_json else (
