@@ -11,10 +11,12 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export NUMBA_NUM_THREADS ?= 1
 
-.PHONY: help venv demo test test-slow kernels lint bench clean
+.PHONY: help venv demo sitl flights test test-slow kernels lint bench clean
 
 help:
 	@echo "make demo       set up and fly one judged course through poles on the embedded autopilot"
+	@echo "make sitl       get ArduPilot's published ArduCopter SITL build, where it is not there yet"
+	@echo "make flights    the short suite on real ArduCopter (AUTOPILOT=embedded TRIALS=20 RUNS=runs BASELINE=RUN)"
 	@echo "make test       lint, types, layers and the tests (what continuous integration runs)"
 	@echo "make test-slow  the tests that take minutes (many seeds, wall time), real ArduCopter where present"
 	@echo "make lint       ruff, mypy and import-linter"
@@ -35,6 +37,15 @@ $(EXTRAS): $(STAMP)
 
 demo: $(STAMP)
 	@$(BIN)/saranga-bench fly poles --autopilot embedded --seed 1 --out runs
+
+sitl: $(STAMP)
+	$(BIN)/saranga-bench sitl install
+
+AUTOPILOT ?= arducopter
+TRIALS ?= 20
+RUNS ?= runs
+flights: $(STAMP)
+	$(BIN)/saranga-bench fly poles --autopilot $(AUTOPILOT) --trials $(TRIALS) --out $(RUNS) $(if $(BASELINE),--baseline $(BASELINE))
 
 lint: $(EXTRAS)
 	$(BIN)/ruff check .

@@ -24,7 +24,9 @@ Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR.
 
 def compare(
     run: Annotated[str, typer.Argument(metavar="RUN", help="`last`, an id or the start of one, or a path.")],
-    baseline: Annotated[str, typer.Argument(metavar="BASELINE", help="The earlier run, named the same way.")],
+    baseline: Annotated[
+        str, typer.Argument(metavar="BASELINE", help="The earlier run, named the same way, or a folder of runs.")
+    ],
     unpaired: Annotated[bool, typer.Option("--unpaired", help="The runs flew different seeds.")] = False,
     confidence: Annotated[
         float | None, typer.Option(help="For all tests together [0.99: one false alarm in a hundred].")
@@ -33,7 +35,7 @@ def compare(
     out: Annotated[Path | None, typer.Option(help="Folder of runs [$SARANGA_BENCH_RUNS or ./runs].")] = None,
 ) -> None:
     """Hold a run of flights to an earlier one: regression verdict with intervals."""
-    from bench.baseline.command import keep_comparison
+    from bench.baseline.command import find_run, keep_comparison
     from bench.baseline.flights import read_flights
     from bench.baseline.report import comparison_text
     from bench.baseline.verdict import CONFIDENCE, compare_runs
@@ -41,7 +43,7 @@ def compare(
 
     store = Store(runs_root(out))
     folder = store.resolve(run)
-    found = compare_runs(read_flights(folder), read_flights(store.resolve(baseline)), not unpaired,
+    found = compare_runs(read_flights(folder), read_flights(find_run(baseline, store)), not unpaired,
                          CONFIDENCE if confidence is None else confidence)
     keep_comparison(folder, found)
     print(json.dumps(found.to_dict(), allow_nan=False) if as_json else comparison_text(found))

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.baseline.flights import Flights, check_worlds, read_flights
+from bench.baseline.flights import Flights, check_requests, check_worlds, read_flights
 from bench.baseline.inputs import world_inputs
 from bench.baseline.report import comparison_markdown
 from bench.baseline.verdict import CONFIDENCE, Comparison, compare_runs
 from bench.step_summary import publish_step_summary
-from bench.store import Store, write_json
+from bench.store import RUN_FILE, Store, write_json
 from bench.verdict import Verdict, worst
 from sitl.trial_types import TrialRequest
 
@@ -32,9 +32,23 @@ def load_baseline(name: str, store: Store, requests: Iterable[TrialRequest], con
     Raises:
         UsageError: no such run, no flights in it, or its world is not the one that `requests` would be flown in.
     """
-    flights = read_flights(store.resolve(name))
-    check_worlds(world_inputs(requests), flights.inputs, flights.folder)
+    flights = read_flights(find_run(name, store))
+    asked = list(requests)
+    check_worlds(world_inputs(asked), flights.inputs, flights.folder)
+    check_requests(asked, flights)
     return Baseline(flights, CONFIDENCE if confidence is None else confidence)
+
+
+def find_run(name: str, store: Store) -> Path:
+    """As `Store.resolve`; a folder of runs stands for the newest in it, as CI restores one from its cache.
+
+    Raises:
+        UsageError: nothing fits.
+    """
+    folder = Path(name).expanduser()
+    if folder.is_dir() and not (folder / RUN_FILE).is_file():
+        return Store(folder).resolve("last")
+    return store.resolve(name)
 
 
 def hold_to(baseline: Baseline, folder: Path, summary: dict[str, Any], paired: bool = True) -> Comparison:

@@ -1,6 +1,6 @@
 """The flights of two runs, read from their journals and paired by row, scene, autopilot and seed."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ from bench.baseline.inputs import TOLD, differences
 from bench.flight_summary import NOT_JUDGED
 from bench.journal import FILE_NAME, read_journal
 from saranga.errors import UsageError
+from sitl.trial_types import TrialRequest
 
 KINDS = ("fly", "campaign")
 SAME = ("shield", "sonar", "max_sim_s")
@@ -79,6 +80,22 @@ def check_worlds(run: Mapping[str, str], baseline: Mapping[str, str], where: Pat
         raise UsageError(f"{', '.join(wrong)} changed since baseline {where} was flown: what differs would be the "
                          "world and not the stack. Fly the baseline again with these files, or bring the old ones back")
     return [f"{key} differ between the runs" for key in changed]
+
+
+def check_requests(requests: Iterable[TrialRequest], baseline: Flights) -> None:
+    """What is to be flown can be compared: refuse before flying rather than after.
+
+    Raises:
+        UsageError: a scene that the baseline did not fly on that autopilot, or only with another shield or sonar.
+    """
+    for request in requests:
+        wanted = request.to_dict()
+        known = [found for key, found in baseline.requests.items() if key[1:3] == (request.scene, request.autopilot)]
+        if not known:
+            raise UsageError(f"baseline {baseline.folder} has no flight of {request.scene} on {request.autopilot}: fly "
+                             "one there first")
+        if not any(all(wanted[name] == found.get(name) for name in SAME) for found in known):
+            _same(f"scene {request.scene}", wanted, known[0])
 
 
 def pair(run: Flights, baseline: Flights) -> Pairs:

@@ -170,6 +170,39 @@ def run_cli(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, s
     return int(caught.value.code or 0), said.out, said.err
 
 
+def fly_scripted(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, root: Path, script: str,
+                 *more: str) -> tuple[int, str, str]:
+    from fake_flights import ScriptedFlights
+
+    flights = ScriptedFlights(script)
+    monkeypatch.setattr("bench.fly.find_runner", lambda live: flights)
+    return run_cli(capsys, "fly", "poles", "--trials", str(len(flights_of(script))), "--no-record", "--quiet", "--out",
+                   str(root), *more)
+
+
+def flights_of(script: str) -> list[str]:
+    return script.split(",")
+
+
+def test_fly_holds_its_flights_to_a_baseline(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+                                             tmp_path: Path) -> None:
+    clean, bad = ",".join(["clean"] * 20), ",".join(["obstacle_hit"] * 14 + ["clean"] * 6)
+    before, after = tmp_path / "before", tmp_path / "after"
+    assert fly_scripted(capsys, monkeypatch, before, clean)[0] == 0
+    code, out, _ = fly_scripted(capsys, monkeypatch, after, clean, "--baseline", str(before))
+    assert code == 0 and "no regression shown over 20 pairs, 20 of them bit for bit the same" in out
+    code, out, _ = fly_scripted(capsys, monkeypatch, after, bad, "--baseline", str(before), "--json")
+    said = json.loads(out)
+    assert code == 1 and said["verdict"] == "FAIL" and said["baseline"]["verdict"] == "FAIL"
+    assert (Path(said["run"]) / "comparison.json").is_file()
+    assert "## poles: FAIL" in (Path(said["run"]) / "summary.md").read_text()
+    flown = len(list(after.glob("*-fly-*")))
+    code, _, err = fly_scripted(capsys, monkeypatch, after, clean, "--baseline", str(before), "--shield", "none",
+                                "--max-sim-s", "9")
+    assert code == 2 and "shield 'none' here" in err
+    assert len(list(after.glob("*-fly-*"))) == flown, "what can never be compared is refused before it is flown"
+
+
 def test_compare_from_the_command_line(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
                                        tmp_path: Path) -> None:
     base, same = make_run(tmp_path, SEEDS), make_run(tmp_path, SEEDS)
