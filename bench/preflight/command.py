@@ -77,7 +77,7 @@ def preflight(plan: Plan, store: Store, say: Say = lambda text: None, stop: Stop
     try:
         with contextlib.ExitStack() as started, \
                 open_journal(run.folder / FILE_NAME, run=run.id, plan=_plain(plan), versions=versions()) as journal:
-            plan = _start_emulated(plan, started, say)
+            plan = _start_emulated(plan, started, say, stop)
             began = time.monotonic()
             evidence, phases, fixed = _gather(plan, run, say, stop, ask)
             result = judge_evidence(plan, evidence, limits, rig_limits, stop())
@@ -121,7 +121,7 @@ def _checked(plan: Plan) -> tuple[list[Limit], list[Limit], bytes | None]:
     return limits, rig_limits, load_key(plan.sign_key) if plan.sign_key is not None else None
 
 
-def _start_emulated(plan: Plan, started: contextlib.ExitStack, say: Say) -> Plan:
+def _start_emulated(plan: Plan, started: contextlib.ExitStack, say: Say, stop: Stop) -> Plan:
     """Both at once, then wait for both; what cannot start is a link that failed, found when it is opened."""
     orders: dict[str, emulated.Started] = {}
     if emulated.is_emulated(plan.vehicle):
@@ -132,8 +132,8 @@ def _start_emulated(plan: Plan, started: contextlib.ExitStack, say: Say) -> Plan
             contextlib.closing(emulated.Started(emulated.order_rig(plan.rig or ""))))
     if orders:
         say(f"starting an emulated {' and '.join(orders)}")
-    urls = {part: process.url() for part, process in orders.items()}
-    return dataclasses.replace(plan, vehicle=urls.get("vehicle", plan.vehicle), rig=urls.get("rig", plan.rig))
+    urls = {part: process.url(stop) for part, process in orders.items()}
+    return dataclasses.replace(plan, vehicle=urls.get("vehicle") or plan.vehicle, rig=urls.get("rig") or plan.rig)
 
 
 def _gather(plan: Plan, run: Run, say: Say, stop: Stop,

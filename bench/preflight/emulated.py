@@ -9,6 +9,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl
@@ -87,8 +88,8 @@ class Started:
         self._process = subprocess.Popen(ordered.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          stderr=subprocess.PIPE, preexec_fn=die_with_parent, start_new_session=True)
 
-    def url(self, seconds: float = START_S) -> str:
-        """Its URL, once it serves.
+    def url(self, stop: Callable[[], bool] = lambda: False, seconds: float = START_S) -> str | None:
+        """Its URL, once it serves; None where `stop` came first.
 
         Raises:
             DeviceError: it ended, or did not get ready in time.
@@ -96,6 +97,8 @@ class Started:
         out, deadline = self._process.stdout, time.monotonic() + seconds
         assert out is not None
         while time.monotonic() < deadline:
+            if stop():
+                return None
             if not select.select([out], [], [], 0.2)[0]:
                 continue
             line = out.readline()

@@ -1,6 +1,9 @@
 """`saranga-bench preflight` whole: run folder, JSON, page, signature, exit codes, links that fail, interruption."""
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -67,6 +70,23 @@ def test_an_interruption_leaves_a_run_that_can_be_read(tmp_path):
     assert result["verdict"] == "INCONCLUSIVE" and "interrupted" in result["reason"] and not result["errors"]
     assert json.loads((Path(result["run"]) / "preflight.json").read_text())["go"] is False
     assert Store(tmp_path).runs()[0].info["state"] == "interrupted"
+
+
+@pytest.mark.wall_time
+@pytest.mark.parametrize("at", ["starting an emulated", pytest.param("watching", marks=pytest.mark.slow)])
+def test_ctrl_c_ends_it_with_130_and_a_run_that_can_be_read(tmp_path, at):
+    command = [sys.executable, "-m", "bench.cli", "preflight", "--vehicle", "emulated:", "--json", "--no-mavsdk",
+               "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               start_new_session=True)
+    for line in process.stderr:
+        if at in line:
+            break
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=100)
+    result = json.loads(out)
+    assert process.returncode == 130 and result["verdict"] == "INCONCLUSIVE" and not result["go"]
+    assert (Path(result["run"]) / "preflight.html").is_file()
 
 
 @pytest.mark.parametrize(("arguments", "says"), [
