@@ -6,11 +6,12 @@ import json
 import platform
 import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from bench.preflight.evidence import StackSide
+from bench.preflight.evidence import StackSide, percentile
 from saranga.companion import TICK_S
 from saranga.denoise import load_denoiser
 from saranga.denoise.model_file import weights_sha256
@@ -24,22 +25,37 @@ STEPS = 120
 CYCLES_A_STEP = (2, 3)
 """39 echo cycles a second and 16 ticks: two or three cycles each."""
 NOISE_COUNTS = 300.0
+EASY_SHARE = 0.4
 MODEL = "saranga"
 
 
 def time_stack(denoiser: str, policy: str, sonar: str, speed_m_s: float, folder: Path, steps: int = STEPS,
-               model: str = MODEL) -> StackSide:
-    """Run the stack on seeded noise for `steps` ticks, as fast as it goes; one that cannot run is told in `failed`."""
+               model: str = MODEL, tries: int = 1) -> StackSide:
+    """Run the stack on seeded noise for `steps` ticks, as fast as it goes; one that cannot run is told in `failed`.
+
+    Args:
+        tries: how often it is timed anew while other programs hold it up; the best counts. 1 on the computer that
+            flies: what is slow there now will be slow in flight.
+    """
     expected, found, runs_on, failed = _weights(denoiser, model)
     step_ms: list[float] = []
     if not failed:
         try:
-            step_ms = _steps(denoiser, policy, sonar, speed_m_s, steps)
+            step_ms = _best(lambda: _steps(denoiser, policy, sonar, speed_m_s, steps), tries)
         except BenchError as error:
             failed = str(error)
     return StackSide(denoiser, policy, step_ms, TICK_S * 1e3, expected, found, runs_on, _cpu(),
                      shutil.disk_usage(_existing(folder)).free, datetime.datetime.now(datetime.UTC).year,
                      time.monotonic(), failed)
+
+
+def _best(once: Callable[[], list[float]], tries: int) -> list[float]:
+    best = once()
+    for _ in range(tries - 1):
+        if percentile(best, 0.99) <= EASY_SHARE * TICK_S * 1e3:
+            break
+        best = min(best, once(), key=lambda step_ms: percentile(step_ms, 0.99))
+    return best
 
 
 def _steps(denoiser: str, policy: str, sonar: str, speed_m_s: float, steps: int) -> list[float]:
