@@ -1,6 +1,7 @@
 """One flight with a companion in the loop: boot, wait for it, then wall time from arming to landing."""
 
 import contextlib
+import math
 import tempfile
 import time
 from collections.abc import Callable
@@ -75,6 +76,7 @@ class HilFlight:
         self.recorder = FlightRecorder(scene, self.world.volume) if request.keep_log else None
         self.companion: Companion = RemoteCompanion()
         self.slipped_s = 0.0
+        self.boot_us = 0
         self._closing = closing
 
     def _hear(self, data: bytes, now_s: float) -> None:
@@ -140,9 +142,10 @@ class HilFlight:
         """Until landed or judged; returns (outcome, cause) where something other than the judge ended it."""
         world, timing = self.world, self.timing
         world.ground.hold = False
+        self.boot_us = world.t_us
         report = Periodic(PROGRESS_US, world.t_us)
         started, first_us = time.monotonic(), world.t_us
-        loop_start = time.perf_counter() - first_us / 1e6
+        loop_start = time.perf_counter() - first_us / 1e6  # so that progress tells the pace of the flight
         while True:
             self._serve_rig()
             tick = world.tick(self.mav_port.poll())
@@ -240,6 +243,8 @@ def run_hil_trial(request: TrialRequest, setup: HilSetup, progress: Progress | N
     result = collect(request, flight.world, flight.shadow, flight.recorder, cause, loop_s,
                      time.perf_counter() - wall_start)
     result.determinism_hash = ""
+    # The boot is not flown in wall time.
+    result.realtime_factor = (flight.world.t_us - flight.boot_us) / 1e6 / loop_s if loop_s > 0 else math.nan
     result.link_counters |= {"rig_dropped_bytes": flight.rig_port.dropped_bytes, "companion": _figures(flight)}
     if request.workdir is not None:
         result.files["wire"] = str(_write_rows(flight.timing, request.workdir))
