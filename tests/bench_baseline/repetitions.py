@@ -102,12 +102,16 @@ def slices(flights: Flights, seeds: range, pairs: int) -> list[Flights]:
 
 
 def judge(root: Path, seeds: range, pairs: int, confidence: float) -> dict[str, list[Comparison]]:
-    """Every condition against the baseline, repetition by repetition; and the baseline against the next one's seeds."""
+    """Every condition against the baseline, repetition by repetition; and the baseline against the next one's seeds.
+
+    A repetition whose seeds are not all flown is left out.
+    """
     cut = {name: slices(read_flights(root / name), seeds, pairs) for name in conditions_of("tbd")
            if (root / name).is_dir()}
     base = cut.pop("baseline")
-    found = {name: [compare_runs(a, b, True, confidence) for a, b in zip(runs, base, strict=True)]
-             for name, runs in cut.items()}
+    found = {name: [compare_runs(a, b, True, confidence) for a, b in zip(runs, base, strict=True)
+                    if len(a.results) == len(b.results) == pairs] for name, runs in cut.items()}
+    base = [part for part in base if len(part.results) == pairs]
     found["unchanged"] = [compare_runs(a, a, True, confidence) for a in base]
     turned = [*base[1:], base[0]]
     found["unchanged, other seeds"] = [compare_runs(a, b, False, confidence) for a, b in zip(turned, base, strict=True)]
