@@ -102,7 +102,7 @@ def check(
     from bench.store import Store, runs_root
     from bench.verdict import Verdict
 
-    with interruptible() as interrupts, live_url(url) as live:
+    with interruptible() as interrupts, live_url(url, interrupts.asked) as live:
         plan = CheckPlan(live, seconds, rate, sonar, reflector, range_m, temperature, limits)
         summary = check_rig(plan, Store(runs_root(out)), interrupts.asked)
     print(json.dumps(summary, allow_nan=False, default=str) if as_json else _check_text(summary))
@@ -146,7 +146,7 @@ def record(
     from bench.rig.rehearsal import live_url
     from bench.verdict import Verdict
 
-    with interruptible() as interrupts, live_url(url) as live:
+    with interruptible() as interrupts, live_url(url, interrupts.asked) as live:
         plan = RecordPlan(live, out, seconds, mode, rate, odr, samples, ring_down, temperature)
         done = record_rig(plan, interrupts.asked, lambda s, n: print(f"{s:.0f} s, {n} cycles", file=sys.stderr))
     losses = done["losses"]

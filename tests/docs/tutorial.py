@@ -69,7 +69,11 @@ def missing(expected: list[str], printed: str) -> str | None:
 
 
 def run(page: Path, folder: Path) -> int:
-    """Execute a page in `folder`; returns how many commands it has. Raises AssertionError naming the first that fails."""
+    """Execute a page in `folder`; returns how many commands it has.
+
+    Raises:
+        AssertionError: the first command that fails, with what it printed.
+    """
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
                    "COLUMNS": "160", "NO_COLOR": "1"}
     for name in ("SARANGA_BENCH_RUNS", "PYTEST_ADDOPTS", "GITHUB_STEP_SUMMARY"):
