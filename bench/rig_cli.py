@@ -68,6 +68,7 @@ def emulate(
     run_emulator(port, sonar, stand, shield or [], mounting_sd_db, reflector, fault or [], seed, truth, as_json)
 
 
+RIG_URL = "serial:///dev/ttyACM0[?baud=N], tcp://host:port or emulated:"
 CHECK_EXAMPLES = """\b
 Put a pole (a bottle does) 0.4 to 1.2 m ahead and 20 to 45 degrees to the right, in a silent
 room, propellers still. Then:
@@ -84,7 +85,7 @@ Exit codes: 0 PASS or MARGINAL, 1 FAIL, 2 bad input, 3 INCONCLUSIVE, 4 ERROR, 13
 
 @app.command(epilog=CHECK_EXAMPLES)
 def check(
-    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N], tcp://host:port or emulated:")],
+    url: Annotated[str, typer.Argument(metavar="URL", help=RIG_URL)],
     seconds: Annotated[float, typer.Option(help="Of both runs together.")] = 10.0,
     rate: Annotated[float, typer.Option(help="Triggers a second, Hz.")] = 50.0,
     sonar: Annotated[str, typer.Option(help="Where the sensors sit: a name in fixtures/sonars, or a path.")] = "pair",
@@ -128,7 +129,7 @@ The recording plays anywhere with file:echoes.mcap, or behind a port with rig re
 
 @app.command(epilog=RECORD_EXAMPLES)
 def record(
-    url: Annotated[str, typer.Argument(metavar="URL", help="serial:///dev/ttyACM0[?baud=N], tcp://host:port or emulated:")],
+    url: Annotated[str, typer.Argument(metavar="URL", help=RIG_URL)],
     out: Annotated[Path, typer.Option(help="New recording, .mcap; never overwritten.")],
     seconds: Annotated[float | None, typer.Option(help="How long [until Ctrl-C].")] = None,
     mode: Annotated[str, typer.Option(help="transmit (transmit/receive) or receive (noise only).")] = "transmit",
