@@ -12,10 +12,12 @@ MOST_FAILURES = 10
 def markdown_summary(summary: dict[str, Any]) -> str:
     """Verdict, table, comparisons, and the first failures with the line that flies each again."""
     lines = [f"## Campaign {_cell(summary['suite']['name'])}: {summary['verdict']}", "",
-             f"{_cell(summary['suite']['description'])}. {speed_text(summary['metrics'])}.", "",
-             "| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
-    lines += ["| " + " | ".join(_cell(cell) for cell in row_cells(row)) + " |" for row in summary["rows"]]
-    lines += ["", "`*`: the rule that decides. Intervals: Wilson, 95 %.", ""]
+             f"{_cell(summary['suite']['description'])}. {speed_text(summary['metrics'])}.", ""]
+    rated = [row for row in summary["rows"] if not row["acceptable"]]
+    if rated:
+        lines += ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
+        lines += ["| " + " | ".join(_cell(cell) for cell in row_cells(row)) + " |" for row in rated]
+        lines += ["", "`*`: the rule that decides. Intervals: Wilson, 95 %.", ""]
     if any(row["acceptable"] for row in summary["rows"]):
         lines += ["| fault | verdict | what the flights did | acceptable, and why |", "| --- | --- | --- | --- |"]
         lines += ["| " + " | ".join(_cell(cell) for cell in fault_cells(row)) + " |" for row in summary["rows"]

@@ -198,7 +198,7 @@ def _metrics(journal: Records, outcomes: list[Trial], rows: list[dict[str, Any]]
     needed = [row["trials_needed"] for row in rows if row["trials_needed"]]
     memory = _numbers(outcomes, "memory_mb")
     return {
-        "trials": len(judged), "planned": planned, "success_rate": lenient["rate"],
+        "trials": sum(row["trials"] for row in rows), "planned": planned, "success_rate": lenient["rate"],
         "success_rate_strict": _rate(judged, "success_strict")["rate"], "success_interval": lenient["interval"],
         "trials_per_hour": len(outcomes) / wall_s * 3600.0 if wall_s else None,
         "aggregate_realtime_factor": sum(_numbers(outcomes, "sim_s")) / wall_s if wall_s else None,
