@@ -74,7 +74,7 @@ def find_hardest(plan: HardestPlan, store: Store, interrupts: Interrupts, say: S
     """
     spec = load_scene(plan.request.scene)
     Search(spec, plan.budget, plan.request.seed, lambda _, __: {}, lambda _: None)  # refuses before anything is made
-    identity = {"asked": plan.asked(), **identity_of([plan.request.denoiser], [plan.request.scene])}
+    identity = {"asked": plan.asked(), **identity_of([plan.request])}
     run = (store.create(RUN_KIND, plan.request.scene, argv=list(plan.argv), **plan.asked()) if resume is None
            else reopen(resume, RUN_KIND, identity))
     state, started = "finished", time.monotonic()

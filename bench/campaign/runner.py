@@ -134,7 +134,7 @@ def _keep(folder: Path, journal: Journal, done: Done) -> None:
 def _identity(suite: Suite) -> dict[str, Any]:
     """What must be the same for two sessions to belong together."""
     requests = [suite.request(row, 0) for row in suite.rows]
-    return {"suite": suite.to_dict(), **identity_of([r.denoiser for r in requests], [r.scene for r in requests])}
+    return {"suite": suite.to_dict(), **identity_of(requests)}
 
 
 def reopen(folder: Path, kind: str, identity: dict[str, Any]) -> Run:
