@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.baseline.inputs import TOLD, differences
+from bench.campaign.behaviour import behaviour_of
 from bench.flight_summary import NOT_JUDGED
 from bench.journal import FILE_NAME, read_journal
 from saranga.errors import UsageError
@@ -28,6 +29,13 @@ class Flights:
     results: Mapping[Key, Result]
     requests: Mapping[Key, dict[str, Any]]
     inputs: Mapping[str, str]
+
+    def judged(self, key: Key) -> bool:
+        """Whether the flight says something: with a fault planted, a stack that named it and held does."""
+        result = self.results[key]
+        if result["outcome"] not in NOT_JUDGED:
+            return True
+        return bool(self.requests[key].get("faults")) and behaviour_of(result) != "broken"
 
 
 @dataclass(frozen=True)
@@ -116,9 +124,9 @@ def pair(run: Flights, baseline: Flights) -> Pairs:
     if alone:
         notes.append(f"{alone} flights that only one of the runs has were left out")
     broken = tuple(f"seed {k[3]}{' of ' + k[0] if k[0] else ''}: {run.results[k]['outcome']}, "
-                   f"{run.results[k].get('cause')}" for k in common if run.results[k]["outcome"] in NOT_JUDGED)
-    judged = [k for k in common if run.results[k]["outcome"] not in NOT_JUDGED]
-    kept = tuple(k for k in judged if baseline.results[k]["outcome"] not in NOT_JUDGED)
+                   f"{run.results[k].get('cause')}" for k in common if not run.judged(k))
+    judged = [k for k in common if run.judged(k)]
+    kept = tuple(k for k in judged if baseline.judged(k))
     if len(kept) < len(judged):
         notes.append(f"{len(judged) - len(kept)} flights that broke off in the baseline were left out")
     return Pairs(kept, tuple(run.results[k] for k in kept), tuple(baseline.results[k] for k in kept), broken,
@@ -142,9 +150,9 @@ def unpaired(run: Flights, baseline: Flights) -> tuple[list[Result], list[Result
     first = {key[:3]: key for key in baseline.results}
     for key, request in run.requests.items():
         _same(f"row {key[0] or key[1]}", request, baseline.requests[first[key[:3]]])
-    judged = [[r for r in flights.results.values() if r["outcome"] not in NOT_JUDGED] for flights in (run, baseline)]
+    judged = [[r for k, r in flights.results.items() if flights.judged(k)] for flights in (run, baseline)]
     broken = tuple(f"seed {k[3]}: {r['outcome']}, {r.get('cause')}" for k, r in run.results.items()
-                   if r["outcome"] in NOT_JUDGED)
+                   if not run.judged(k))
     return judged[0], judged[1], broken, tuple(notes)
 
 

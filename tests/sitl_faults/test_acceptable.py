@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bench import cli
 from bench.campaign.behaviour import Acceptable, behaviour_of, judge_row
 from bench.campaign.flying import Flown, Task
 from bench.campaign.runner import Plan, run_campaign
@@ -177,3 +178,27 @@ def test_a_worsening_must_be_noticed(loss_m: float, verdict: str, tmp_path: Path
     summary = fly(tmp_path, seen)
     assert summary["comparisons"][0]["verdict"] == verdict
     assert {r["name"]: r["verdict"] for r in summary["rows"]} == {"healthy": "PASS", "dead": "FAIL"}
+
+
+def test_a_campaign_is_held_to_an_earlier_one(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+                                              tmp_path: Path) -> None:
+    lost_m = 0.0
+
+    def seen(task: Task) -> dict[str, Any]:
+        held = flight("infrastructure", "stack: sensor right silent", task.request.seed) if task.row == "dead" else {}
+        return {**held, "min_clearance_m": 0.3 - lost_m}
+
+    def run(*more: str) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as caught:
+            cli.main(["campaign", str(tmp_path / "mine.toml"), "--quiet", "--out", str(tmp_path / "runs"), *more])
+        return int(caught.value.code or 0), capsys.readouterr().out
+
+    monkeypatch.setattr("bench.campaign.workers.LocalWorkers", lambda count: AtOnce(seen))
+    (tmp_path / "mine.toml").write_text(SUITE.partition("[[comparison]]")[0])
+    assert run()[0] == 0
+    first = next((tmp_path / "runs").glob("*-campaign-*"))
+    code, out = run("--baseline", str(first))
+    assert code == 0 and "no regression shown over 24 pairs" in out, out
+    lost_m = 0.2
+    code, out = run("--baseline", str(first))
+    assert code == 1 and "min_clearance_m: worse by 0.2 m" in out, out
