@@ -7,6 +7,7 @@ from typing import Any
 
 from bench.baseline.flights import Flights, check_requests, check_worlds, read_flights
 from bench.baseline.inputs import world_inputs
+from bench.baseline.junit import add_to_junit
 from bench.baseline.report import comparison_markdown
 from bench.baseline.verdict import CONFIDENCE, Comparison, compare_runs
 from bench.step_summary import publish_step_summary
@@ -67,6 +68,7 @@ def hold_to(baseline: Baseline, folder: Path, summary: dict[str, Any], paired: b
 
 
 def keep_comparison(folder: Path, found: Comparison) -> None:
-    """Write it into the run folder and the CI step's summary."""
+    """Write it into the run folder (JSON, JUnit) and the CI step's summary."""
     write_json(folder / FILE, found.to_dict())
+    add_to_junit(folder / "junit.xml", found)
     publish_step_summary(folder, comparison_markdown(found), append=True)

@@ -1,6 +1,7 @@
 """The regression verdict over fabricated runs: what is flagged, what is not, and what is refused."""
 
 import json
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +196,10 @@ def test_fly_holds_its_flights_to_a_baseline(capsys: pytest.CaptureFixture[str],
     said = json.loads(out)
     assert code == 1 and said["verdict"] == "FAIL" and said["baseline"]["verdict"] == "FAIL"
     assert (Path(said["run"]) / "comparison.json").is_file()
+    suites = ElementTree.parse(Path(said["run"]) / "junit.xml").getroot()
+    held_to = suites.find("testsuite[@name='baseline']")
+    assert len(suites) == 2 and held_to is not None and int(held_to.get("failures", "0")) >= 2
+    assert held_to.find("testcase[@name='success']/failure") is not None
     assert "## poles: FAIL" in (Path(said["run"]) / "summary.md").read_text()
     flown = len(list(after.glob("*-fly-*")))
     code, _, err = fly_scripted(capsys, monkeypatch, after, clean, "--baseline", str(before), "--shield", "none",
@@ -216,5 +221,7 @@ def test_compare_from_the_command_line(capsys: pytest.CaptureFixture[str], monke
     assert json.loads((bad / "comparison.json").read_text())["verdict"] == "FAIL"
     assert step.read_text().count("## Against the baseline") == 2 and "FAIL" in (bad / "summary.md").read_text()
     assert run_cli(capsys, "compare", str(few), str(base))[0] == 3
+    again = ElementTree.parse(bad / "junit.xml").getroot()
+    assert [s.get("name") for s in again] == ["baseline"], "begun anew where a run has none"
     code, _, err = run_cli(capsys, "compare", str(same), "nope", "--out", str(tmp_path))
     assert code == 2 and "nope" in err
