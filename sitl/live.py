@@ -117,6 +117,18 @@ class CompanionProcess:
                 self._process.wait()
 
 
+def refuse_faults_inside_stack(faults: Faults) -> None:
+    """What acts inside the companion cannot be planted in another process.
+
+    Raises:
+        UsageError: such a fault was asked for; ignored, it would look as if the flight had survived it.
+    """
+    inside = [name for name, module in fault_modules().items() if getattr(module, "INSIDE_STACK", False)]
+    for name in ("nan_policy_at_s", "setpoint_delay_ms", *inside):
+        if name in faults.to_dict():
+            raise UsageError(f"fault {name} acts inside the stack, which is its own process here: fly it in lockstep")
+
+
 def run_live_trial(request: TrialRequest, progress: Progress | None = None, cancel: Cancel | None = None,
              echoes: str = "pty") -> TrialResult:
     """Fly one trial in wall time with the stack in its own process.
@@ -132,11 +144,7 @@ def run_live_trial(request: TrialRequest, progress: Progress | None = None, canc
     if echoes not in ("pty", "tcp"):
         raise UsageError(f"echoes over {echoes!r}: must be pty or tcp")
     faults = request.faults or Faults()
-    inside = [name for name, module in fault_modules().items() if getattr(module, "INSIDE_STACK", False)]
-    for name in ("nan_policy_at_s", "setpoint_delay_ms", *inside):
-        if name in faults.to_dict():
-            raise UsageError(f"fault {name} acts inside the stack, which is its own process in live mode: fly it in "
-                             "lockstep")
+    refuse_faults_inside_stack(faults)
     if is_cold():
         run_trial(replace(request, autopilot="embedded", faults=None, workdir=None, keep_log=False))
     scene = build_scene(load_scene(request.scene), request.seed)

@@ -18,7 +18,7 @@ from sitl.autopilot import make_autopilot
 from sitl.clock import Periodic
 from sitl.flight_log import FlightRecorder
 from sitl.ground_control import Phase
-from sitl.live import Shadow
+from sitl.live import Shadow, refuse_faults_inside_stack
 from sitl.rig_ports import TcpPort
 from sitl.scene import build_scene, load_scene
 from sitl.trial import PROGRESS_US, Cancel, Progress, collect, ended, progress_of, run_trial
@@ -214,10 +214,11 @@ def run_hil_trial(request: TrialRequest, setup: HilSetup, progress: Progress | N
     """Fly one trial with a companion in the loop; the timing is in `link_counters["companion"]`.
 
     Raises:
-        UsageError: as `run_trial`, or a command that cannot be started.
+        UsageError: as `run_trial`, a fault that acts inside the stack, or a command that cannot be started.
         DeviceError: a port is taken, or the autopilot cannot be started.
     """
     asked = cancel or (lambda: False)
+    refuse_faults_inside_stack(request.faults or Faults())
     if is_cold():
         run_trial(replace(request, autopilot="embedded", stack="none", denoiser="gaussian", faults=None, workdir=None,
                           keep_log=False))

@@ -66,7 +66,8 @@ def test_a_port_that_is_taken_is_said_before_anything_starts(tmp_path: Path) -> 
 @pytest.mark.parametrize(("arguments", "said"), [
     (["no-such-scene"], "no-such-scene"), (["open", "--listen", "udp://127.0.0.1:1"], "--listen"),
     (["open", "--listen", "tcp://127.0.0.1:7000", "--mavlink", "tcp://127.0.0.1:7000"], "give two ports"),
-    (["open", "--wait-s", "nan"], "--wait-s"), (["open", "--companion-limits", "poles"], "unknown metric"),
+    (["open", "--fault", "setpoint_delay_ms=50"], "inside the stack"), (["open", "--wait-s", "nan"], "--wait-s"),
+    (["open", "--companion-limits", "poles"], "unknown metric"),
     (["open", "--autopilot", "px4"], "unknown autopilot")])
 def test_bad_usage_ends_with_2(
     arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
