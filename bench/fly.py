@@ -21,6 +21,7 @@ from bench.verdict import Limit, find_limits, load_limits
 from saranga.errors import BenchError, UsageError
 from saranga.fixtures import fixture_path
 from saranga.numba_cache import is_cold
+from saranga.plugins import user_source
 from sitl.acoustics.shield import shield_path
 from sitl.importers import scene_path, scene_tables
 from sitl.trial_types import TrialProgress, TrialRequest, TrialResult
@@ -286,7 +287,7 @@ def _input_path(kind: str, item: str) -> Path:
 
 
 def input_hashes(request: TrialRequest, limits_file: Path | None = None) -> dict[str, str]:
-    """SHA-256 of the data files the flights depend on, those that exist."""
+    """SHA-256 of the data files the flights depend on, those that exist, and of the user's own MODULE:NAME."""
     files = {
         "scene": ("scenes", request.scene),
         "shield": ("shields", request.shield),
@@ -298,6 +299,10 @@ def input_hashes(request: TrialRequest, limits_file: Path | None = None) -> dict
             found[name] = sha256_of(_input_path(kind, item))
         except (UsageError, OSError):  # an unknown name is reported by the trial, which knows what it needs
             continue
+    for name, item in (("stack", request.stack), ("denoiser", request.denoiser)):
+        source = user_source(item)
+        if source is not None:
+            found[name] = sha256_of(source)
     if limits_file is not None:
         found["limits"] = sha256_of(limits_file)
     return found

@@ -5,6 +5,7 @@ Adding a denoiser or a policy is adding one file; there is no list to keep. Or t
 
 import difflib
 import importlib
+import importlib.util
 import inspect
 import pkgutil
 import sys
@@ -90,6 +91,22 @@ def user_object(kind: str, spec: str, options: dict[str, Any], ready: Callable[[
         return call_with_options(kind, spec, target, options)
     except TypeError as error:
         raise UsageError(f"{kind} {spec!r} cannot be built: {error}; its arguments must have defaults") from error
+
+
+def user_source(spec: str) -> Path | None:
+    """The file that holds MODULE of `MODULE:NAME`; None where there is none, or for a shipped name."""
+    module_name, colon, _ = spec.partition(":")
+    if not colon or not module_name:
+        return None
+    here = str(Path.cwd())
+    sys.path.insert(0, here)
+    try:
+        found = importlib.util.find_spec(module_name)
+    except (ImportError, ValueError):
+        return None
+    finally:
+        sys.path.remove(here)
+    return Path(found.origin) if found is not None and found.origin and Path(found.origin).is_file() else None
 
 
 def _import(kind: str, spec: str, module_name: str) -> ModuleType:

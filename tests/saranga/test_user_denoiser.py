@@ -1,5 +1,6 @@
 """A denoiser of the user's own, by MODULE:NAME."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from saranga.denoise import load_denoiser
 from saranga.echo import EchoImage
 from saranga.errors import UsageError
+from saranga.plugins import user_source
 
 SOURCE = """
 import numpy as np
@@ -32,6 +34,7 @@ def needs_more(thing):
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_denoisers_of_a_test.py").write_text(SOURCE)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_denoisers_of_a_test", raising=False)
 
 
 def test_class_with_options_and_instance() -> None:
@@ -47,3 +50,9 @@ def test_class_with_options_and_instance() -> None:
 def test_refusals_say_why(spec: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         load_denoiser(spec)
+
+
+def test_the_file_of_ones_own_module_is_found_for_the_provenance() -> None:
+    assert user_source("my_denoisers_of_a_test:Mine") == Path.cwd() / "my_denoisers_of_a_test.py"
+    for spec in ("tbd", "no_such_module_here:X", ":X", "sys:X"):
+        assert user_source(spec) is None
