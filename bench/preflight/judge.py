@@ -16,6 +16,8 @@ AGE_LIMIT = "evidence_age_s"
 NOTHING = "nothing"
 RIG = "rig"
 ORDER = {"ERROR": 0, "FAIL": 1, "INCONCLUSIVE": 2, "MARGINAL": 3, "PASS": 4}
+SYMPTOMS = ("ekf", "prearm", "sensors", "messages", "mavsdk")
+"""What suffers from the causes that other checks find: listed after them."""
 OF_THE_COMPUTER = ("stack", "weights", "computer")
 
 
@@ -55,7 +57,7 @@ def examine(evidence: Evidence, limits: Sequence[Limit], rig_limits: Sequence[Li
     rows += _rig_rows(evidence, list(rig_limits))
     most = by_name[AGE_LIMIT].hi or 0.0
     rows = [_bypassed(_aged(row, most), skip) for row in rows]
-    return sorted(rows, key=lambda row: ORDER[row["verdict"]])
+    return sorted(rows, key=lambda row: (ORDER[row["verdict"]], row["check"] in SYMPTOMS))
 
 
 def _origin(name: str, evidence: Evidence) -> str:
@@ -87,7 +89,7 @@ def _row(name: str, finding: Finding, checked: Check, evidence: Evidence) -> dic
     age_s = round(max(evidence.now_s - (finding.heard_s or 0.0), 0.0), 2) if known else None
     if finding.bypassed:
         row["why"] = f"BYPASSED: {finding.bypassed}"
-    elif finding.seen and finding.seen not in row["why"] and checked.verdict is not Verdict.ERROR:
+    elif finding.seen and not finding.blocked and checked.verdict is not Verdict.ERROR:
         row["why"] = f"{row['why']}: {finding.seen}" if row["why"] else finding.seen
     action = NOTHING if checked.verdict is Verdict.PASS else finding.action
     return {**row, "check": name, "of": finding.of, "age_s": age_s, "seen": finding.seen, "action": action,

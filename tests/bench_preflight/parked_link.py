@@ -23,7 +23,7 @@ from sitl.parked_faults import parse_parked_faults
 sys.path.insert(0, str(Path(__file__).parent.parent / "bench_rig"))
 from simulated_rig import SimulatedLink
 
-QUICK = Deadlines(connect_s=3.0, identify_s=2.0, parameters_s=5.0, settle_s=0.5, watch_s=4.0, answer_s=0.5)
+QUICK = Deadlines(connect_s=6.0, identify_s=2.0, parameters_s=5.0, settle_s=0.5, watch_s=4.0, answer_s=0.5)
 
 
 class ParkedLink:

@@ -79,7 +79,7 @@ def test_rubbish_is_told_apart_from_silence():
             return b"\x55\xaa\x00" * 20
 
     link = Rubbish()
-    with pytest.raises(DeviceError, match=r"no heartbeat in 3 s; \d+ bytes that are no MAVLink"):
+    with pytest.raises(DeviceError, match=r"no heartbeat in 6 s; \d+ bytes that are no MAVLink"):
         gather(Conversation(GuardedLink(link), now=link.now), [], deadlines=QUICK)
 
 

@@ -194,6 +194,14 @@ def test_what_failed_comes_first_with_its_next_action(clean):
     assert "charge" in first["action"] and first["limit"] == ">= 14.8 and <= 17 V"
 
 
+def test_causes_come_before_what_suffers_from_them(clean):
+    PLANTED["EKF without velocity"][0](clean)
+    PLANTED["prearm refused"][0](clean)
+    PLANTED["no compass used"][0](clean)
+    names = [row["name"] for row in judged(clean)["checks"] if row["verdict"] == "FAIL"]
+    assert names.index("yaw_settings_wrong") < names.index("ekf_flags_wrong")
+
+
 def test_nothing_at_all_passes_nothing_but_lists_everything():
     result = judged(Evidence())
     assert not result["go"]
