@@ -53,8 +53,18 @@ def write_page(run_dir: Path) -> Path:
         summary=summary, title=_title(summary), tests=journal.of("test"),
         lead=_lead(summary, journal.of("test")), verdict_words=_PASS_WORDS[summary["verdict"]],
         figures=_figures(summary), words=OUTCOME_WORDS, outcome_colour=outcome_colour, flights=flights,
-        left_out=len(summary["outcomes"]) - len(flights), provenance=_provenance(summary),
-        started=journal.header.get("utc", ""), name=run_dir.resolve().name)
+        setpoints=_setpoints(run_dir, summary), left_out=len(summary["outcomes"]) - len(flights),
+        provenance=_provenance(summary), started=journal.header.get("utc", ""),
+        name=run_dir.resolve().name)
+
+
+def _setpoints(run_dir: Path, summary: dict[str, Any]) -> list[dict[str, str]]:
+    """Strips of the setpoints of flights with a companion in the loop."""
+    if "companion" not in summary:
+        return []
+    from bench.hil.figure import setpoint_figures
+
+    return setpoint_figures(run_dir, summary["outcomes"])
 
 
 def _drawn(outcomes: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -81,7 +91,10 @@ def _lead(summary: dict[str, Any], tests: list[dict[str, Any]]) -> str:
     if not outcomes:
         return "no flight was finished"
     if len(outcomes) == 1:
-        return str(outcomes[0]["cause"]) + cut
+        held = next((c for c in summary["checks"] if c["verdict"] == summary["verdict"]), None)
+        clean = outcomes[0]["verdict"] in ("PASS", "MARGINAL") and summary["verdict"] not in ("PASS", "MARGINAL")
+        but = f". Yet {held['name']}: {held['why']}." if held is not None and clean else ""
+        return str(outcomes[0]["cause"]) + but + cut
     counts = Counter(outcome["outcome"] for outcome in outcomes)
     tally = ", ".join(f"{count} × {OUTCOME_WORDS.get(name, name)}" for name, count in counts.most_common())
     bad = next((o for o in outcomes if o["verdict"] not in ("PASS", "MARGINAL")), None)

@@ -1,11 +1,12 @@
 """One flight with a companion in the loop: boot, wait for it, then wall time from arming to landing."""
 
 import contextlib
+import functools
 import math
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from bench.hil.companion import CommandCompanion, Companion, RemoteCompanion
 from bench.hil.ports import StampedPort
 from bench.hil.timing import WireTiming
 from saranga.errors import DeviceError
-from saranga.numba_cache import is_cold
 from sitl.autopilot import make_autopilot
 from sitl.clock import Periodic
 from sitl.flight_log import FlightRecorder
@@ -209,6 +209,12 @@ class HilFlight:
                                   "companion in the loop")
 
 
+@functools.cache
+def _warm_up(scene: str, sonar: str, shield: str) -> None:
+    """A flight in lockstep (a second), so that nothing is compiled or loaded while wall time runs."""
+    run_trial(TrialRequest(scene, sonar=sonar, shield=shield, stack="none", denoiser="gaussian", keep_log=False))
+
+
 def run_hil_trial(request: TrialRequest, setup: HilSetup, progress: Progress | None = None,
                   cancel: Cancel | None = None) -> TrialResult:
     """Fly one trial with a companion in the loop; the timing is in `link_counters["companion"]`.
@@ -219,9 +225,7 @@ def run_hil_trial(request: TrialRequest, setup: HilSetup, progress: Progress | N
     """
     asked = cancel or (lambda: False)
     refuse_faults_inside_stack(request.faults or Faults())
-    if is_cold():
-        run_trial(replace(request, autopilot="embedded", stack="none", denoiser="gaussian", faults=None, workdir=None,
-                          keep_log=False))
+    _warm_up(request.scene, request.sonar, request.shield)
     wall_start = time.perf_counter()
     with contextlib.ExitStack() as closing:
         folder = request.workdir or Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="saranga-hil-")))

@@ -107,4 +107,7 @@ def companion_text(summary: dict[str, Any]) -> str:
     table = summary["companion"]["table"]
     wide = max(len(row["what"]) for row in table)
     lines = [f"  {row['what']:<{wide}}  {'; '.join(row['cells'])}" for row in table if row["cells"]]
+    if summary["trials_planned"] == 1:  # the limits of several flights are in the summary's text already
+        lines += [f"  limit {c['name']} {c['limit']}: {c['verdict']}: {c['why']}" for c in summary["checks"]
+                  if c["name"] in COMPANION_UNITS]
     return "\n".join(["companion, measured at the ports in wall time:", *lines] if lines else [])

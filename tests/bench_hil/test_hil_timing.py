@@ -1,9 +1,19 @@
 """The meter on made-up traffic, where the truth is known."""
 
+from pathlib import Path
+
 import pytest
 
 from bench.flight_summary import limit_to_dict
-from bench.hil.summary import companion_checks, load_companion_limits
+from bench.hil.figure import setpoint_figures
+from bench.hil.flight import _write_rows
+from bench.hil.summary import (
+    companion_checks,
+    companion_text,
+    header_entry,
+    load_companion_limits,
+    with_companion,
+)
 from bench.hil.timing import TICK_MS, WireTiming
 from bench.verdict import Verdict
 from saranga.navigate import VelocityCommand
@@ -129,3 +139,36 @@ def test_no_setpoint_at_all_is_no_pass() -> None:
     figures = timing.figures()
     assert figures["deadline_miss_share"] is None and figures["longest_gap_ms"] == 10_000.0
     assert not [v for v in held([figures]).values() if v.accepted]
+
+
+def summary_of(figures: dict) -> dict:
+    summary = {"trials_planned": 1, "outcomes": [{"seed": 1, "files": {}}],
+               "checks": [{"name": "longest_gap_ms", "limit": "<= 1000 ms", "verdict": "PASS", "why": "it is within"}]}
+    trial = {"seed": 1, "request": {"scene": "open", "autopilot": "embedded", "shield": "foam", "sonar": "pair",
+                                    "faults": {"drop_probability": 0.1}}, "link_counters": {"companion": figures}}
+    with_companion(summary, header_entry("tcp://127.0.0.1:1", "tcp://127.0.0.1:2", ["./my stack"], []), [trial])
+    return summary
+
+
+def test_the_table_and_the_line_that_flies_it_again() -> None:
+    summary = summary_of(traffic(0.1).figures())
+    text = companion_text(summary)
+    assert "deadline misses" in text and "(100.0%)" in text and "by its own stamps" in text
+    assert "limit longest_gap_ms <= 1000 ms: PASS" in text
+    assert summary["outcomes"][0]["replay"] == (
+        "saranga-bench hil open --autopilot embedded --shield foam --sonar pair --fault drop_probability=0.1 --seed 1 "
+        "--listen tcp://127.0.0.1:1 --mavlink tcp://127.0.0.1:2 -- './my stack'")
+
+
+def test_a_table_of_nothing_measured_has_no_numbers() -> None:
+    text = companion_text(summary_of(WireTiming().figures()))
+    assert "not measured" in text and "0.0%" not in text and "16" not in text
+
+
+def test_every_setpoint_is_drawn_and_the_late_ones_stand_out(tmp_path: Path) -> None:
+    timing = traffic(0.1)
+    _write_rows(timing, tmp_path)
+    drawn = setpoint_figures(tmp_path, [{"seed": 3, "files": {"wire": "setpoints.csv"}}, {"seed": 4, "files": {}},
+                                        {"seed": 5, "files": {"wire": "gone.csv"}}])
+    assert drawn[0]["svg"].count("<circle") == drawn[0]["svg"].count("--fail") == len(timing.measured())
+    assert "no setpoint" in drawn[1]["missing"] and "cannot be read" in drawn[2]["missing"]
