@@ -9,7 +9,7 @@ from planted import Planted, caught
 import bench.preflight.checks
 from bench.preflight.collect import ARMED
 from bench.preflight.evidence import Evidence, Heard
-from bench.preflight.judge import check_names
+from bench.preflight.judge import check_names, known_limits
 from saranga.errors import UsageError
 from saranga.plugins import plugins
 
@@ -283,3 +283,11 @@ def test_a_check_that_crashes_is_an_error_not_a_pass(clean):
     result = judged(clean)
     rows = {row["name"]: row for row in result["checks"]}
     assert rows["ekf (crashed)"]["verdict"] == "ERROR" and not result["go"]
+
+
+def test_every_limit_is_used_and_every_row_has_one(clean):
+    rows = judged(clean)["checks"]
+    used = {row["name"].split()[0] for row in rows if row["check"] == "rig reflector" or not row["check"].startswith("rig ")}
+    # Of other vehicles: a real one, the embedded one, one that MAVSDK does not answer for.
+    elsewhere = {"clock_rate_error", "firmware_embedded_version", "mavsdk_answers", "evidence_age_s"}
+    assert used | elsewhere == set(known_limits())

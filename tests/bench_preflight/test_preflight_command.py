@@ -29,7 +29,7 @@ def run(arguments: list[str], capsys) -> tuple[int, str, str]:
 @pytest.mark.wall_time
 def test_the_whole_on_emulated_devices(tmp_path):
     said: list[str] = []
-    plan = Plan("emulated:?port=pty&fault=BATT_LOW_VOLT=0", "emulated:", denoiser="gaussian", mavsdk=False,
+    plan = Plan("emulated:?port=pty&fault=BATT_LOW_VOLT=0", "emulated:", denoiser="gaussian",
                 deadlines=QUICK, rig_seconds=3.0, stack_steps=60)
     result = preflight(plan, Store(tmp_path), said.append)
     folder = Path(result["run"])
@@ -42,6 +42,9 @@ def test_the_whole_on_emulated_devices(tmp_path):
     assert "NO-GO" in (folder / "preflight.html").read_text()
     assert (folder / "echoes.mcap").stat().st_size > 10_000 and (folder / "vehicle.json").is_file()
     assert any("watching" in text for text in said)
+    # On a slow machine MAVSDK may not be done in time; what it says is then a remark.
+    assert kept["metrics"]["mavsdk"].get("version") == [0, 1, 0] or kept["metrics"]["mavsdk"]["failed"]
+    assert kept["metrics"]["dropped_by_guard"] == []
 
 
 @pytest.mark.wall_time
