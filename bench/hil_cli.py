@@ -15,7 +15,8 @@ Examples:
       --echoes {echoes} --vehicle {vehicle} --denoiser saranga
       starts the companion itself: {echoes} and {vehicle} become the two URLs
   saranga-bench hil open --trials 3 --json -- ./my_stack
-      your own program reads the URLs from SARANGA_ECHOES and SARANGA_VEHICLE
+      your own program reads the URLs from SARANGA_ECHOES and SARANGA_VEHICLE, and the
+      course's speed from SARANGA_SPEED_M_S ({speed} in the command)
   saranga-bench hil poles --listen tcp://0.0.0.0:7000 --mavlink tcp://0.0.0.0:5760
       for a companion computer on the network: whoever reaches the ports may connect
 

@@ -1,5 +1,6 @@
 """Who is at the other end of the two ports: a command that we start, or whoever connects."""
 
+import functools
 import os
 import signal
 import subprocess
@@ -42,16 +43,20 @@ class RemoteCompanion:
 class CommandCompanion:
     """A command as a subprocess that dies with us.
 
-    `{echoes}` and `{vehicle}` in its words become the URLs, which are in SARANGA_ECHOES and SARANGA_VEHICLE as well.
+    `{echoes}`, `{vehicle}` and `{speed}` in its words become the URLs and the course's speed in m/s, which are in
+    SARANGA_ECHOES, SARANGA_VEHICLE and SARANGA_SPEED_M_S as well.
 
     Raises:
         UsageError: it cannot be started.
     """
 
-    def __init__(self, command: tuple[str, ...], echoes: str, vehicle: str, folder: Path) -> None:
+    def __init__(self, command: tuple[str, ...], echoes: str, vehicle: str, speed_m_s: float,
+                 folder: Path) -> None:
         self.console = folder / "companion.txt"
-        words = [word.replace("{echoes}", echoes).replace("{vehicle}", vehicle) for word in command]
-        environment = {**os.environ, "SARANGA_ECHOES": echoes, "SARANGA_VEHICLE": vehicle}
+        told = {"echoes": echoes, "vehicle": vehicle, "speed": f"{speed_m_s:g}"}
+        words = [functools.reduce(lambda w, k: w.replace(f"{{{k}}}", told[k]), told, word) for word in command]
+        environment = {**os.environ, "SARANGA_ECHOES": echoes, "SARANGA_VEHICLE": vehicle,
+                       "SARANGA_SPEED_M_S": told["speed"]}
         try:
             with self.console.open("wb") as console:
                 self._process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=console,

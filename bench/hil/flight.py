@@ -14,6 +14,7 @@ from bench.hil.companion import CommandCompanion, Companion, RemoteCompanion
 from bench.hil.ports import StampedPort
 from bench.hil.timing import WireTiming
 from saranga.errors import DeviceError
+from saranga.navigate import DEFAULT_SONAR
 from sitl.autopilot import make_autopilot
 from sitl.clock import Periodic
 from sitl.flight_log import FlightRecorder
@@ -112,9 +113,11 @@ class HilFlight:
         setup.note(f"ready: echoes {self.rig_port.url}  MAVLink {self.mav_port.url}")
         if setup.command:
             self.companion = self._closing.enter_context(contextlib.closing(CommandCompanion(
-                setup.command, self.rig_port.url, self.mav_port.url, self._folder)))
+                setup.command, self.rig_port.url, self.mav_port.url, self.world.scene.course.speed_m_s, self._folder)))
         else:
-            setup.note(f"run    python -m saranga run --echoes {self.rig_port.url} --vehicle {self.mav_port.url}")
+            sonar = "" if self.request.sonar == DEFAULT_SONAR else f" --sonar {self.request.sonar}"
+            setup.note(f"run    python -m saranga run --echoes {self.rig_port.url} --vehicle {self.mav_port.url} "
+                       f"--speed {self.world.scene.course.speed_m_s:g}{sonar}")
         began = said = time.monotonic()
         while not (self.world.rig.running and self.mav_port.clients):
             self.companion.check()

@@ -43,8 +43,9 @@ def test_nobody_comes(tmp_path: Path) -> None:
 
 
 def test_a_companion_that_ends_at_once_is_quoted(tmp_path: Path) -> None:
-    result, _ = fly(tmp_path, (sys.executable, "-c", "import sys; print('no good'); sys.exit(3)"))
-    assert "companion ended (exit code 3): no good" in ended(result)
+    words = "import sys; print('no good', *sys.argv[1:]); sys.exit(3)"
+    result, _ = fly(tmp_path, (sys.executable, "-c", words, "{speed}", "{echoes}"))
+    assert "companion ended (exit code 3): no good 1 tcp://127.0.0.1:" in ended(result)
 
 
 def test_a_companion_that_leaves_in_flight_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
