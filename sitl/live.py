@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -71,7 +72,8 @@ class Shadow:
             self.heard_companion = True
             if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
                 self.setpoints += 1
-                self._command = VelocityCommand(message.vx, message.vy, message.vz, message.yaw_rate)
+                values = (message.vx, message.vy, message.vz, message.yaw_rate)
+                self._command = VelocityCommand(*values) if all(map(isfinite, values)) else HOLD
 
     def decision(self, t_us: int) -> Decision:
         return Decision(t_us, self._command, images={role: image.envelope for role, image in self._images.items()})

@@ -6,7 +6,8 @@ from typing import Any
 
 from bench.verdict import MEASURED, Check, Limit, Measurement, check, load_limits
 
-COMPANION_UNITS = {"deadline_miss_share": "1", "setpoint_rate_hz": "Hz", "longest_gap_ms": "ms"}
+COMPANION_UNITS = {"deadline_miss_share": "1", "setpoint_rate_hz": "Hz", "longest_gap_ms": "ms",
+                   "setpoints_not_finite": "1"}
 DEFAULT_LIMITS = "hil"
 _BASIS = {"stamps": "by its own stamps and TIMESYNC", "arrivals": "by arrivals alone", None: "not measured"}
 
@@ -72,6 +73,7 @@ def _table(found: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         ("interval", lambda f: _spread(f.get("interval_ms")), "from setpoint to setpoint"),
         ("longest gap", lambda f: _number(f.get("longest_gap_ms"), "ms"), "the autopilot brakes after 3000 ms"),
         ("ticks without a setpoint", lambda f: _count(f.get("missed_ticks")), "of 62.5 ms"),
+        ("setpoints not finite", lambda f: _count(f.get("setpoints_not_finite")), "not a number: the autopilot stops"),
         ("cycles sent, not taken", lambda f: f"{_count(f.get('echo_cycles'))}, {_count(f.get('echo_cycles_dropped'))}",
          "a companion that does not read loses whole cycles"),
         ("MAVLink frames lost", lambda f: _count(f.get("lost_mavlink_frames")), "gaps in its sequence numbers"),

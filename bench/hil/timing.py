@@ -35,6 +35,8 @@ LEAST_ANSWERS = 16
 STAMP_HALF_MS = 0.5
 """`time_boot_ms` is cut to whole milliseconds."""
 _TIMESYNC = struct.Struct("<qq")
+_VELOCITY = struct.Struct("<16x3f16xf")
+"""vx, vy, vz and yaw rate in SET_POSITION_TARGET_LOCAL_NED."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +56,7 @@ class WireTiming:
     cycles_dropped: int = 0
     lost_frames: int = 0
     counts_frames: bool = False
+    not_finite: int = 0
     answers: int = 0
     offset_s: float = -math.inf
     """Our clock less the companion's."""
@@ -92,6 +95,7 @@ class WireTiming:
             self._count(frame.system, frame.component, frame.raw[4 if frame.raw[0] == V2 else 2])
             if frame.message_id == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self.setpoints.append(Setpoint(now_s, int.from_bytes(frame.payload[:4], "little")))
+                self.not_finite += self.measuring and not all(map(math.isfinite, _VELOCITY.unpack_from(frame.payload)))
             elif frame.message_id == mavlink.MAVLINK_MSG_ID_TIMESYNC:
                 theirs_ns, number = _TIMESYNC.unpack_from(frame.payload)
                 asked_s = self._asked.pop(number, None)
@@ -165,6 +169,7 @@ class WireTiming:
             "response_ms": _spread(responses), "latency_ms": _spread(self._latencies_ms(found, stamped)),
             "latency_is_lower_bound": not stamped, "time_answers": self.answers,
             "lost_mavlink_frames": self.lost_frames if self.counts_frames else None,
+            "setpoints_not_finite": self.not_finite,
             "echo_cycles": sum(self.began_s <= c < self.ended_s for c in self.cycles_s),
             "echo_cycles_dropped": self.cycles_dropped,
         }

@@ -122,7 +122,20 @@ def held(figures: list[dict]) -> dict[str, Verdict]:
 def test_limits_pass_a_good_companion_and_fail_a_late_one() -> None:
     assert set(held([traffic(0.01).figures()]).values()) == {Verdict.PASS}
     assert held([traffic(0.01).figures(), traffic(0.1).figures()]) == {
-        "deadline_miss_share": Verdict.FAIL, "setpoint_rate_hz": Verdict.FAIL, "longest_gap_ms": Verdict.PASS}
+        "deadline_miss_share": Verdict.FAIL, "setpoint_rate_hz": Verdict.FAIL, "longest_gap_ms": Verdict.PASS,
+        "setpoints_not_finite": Verdict.PASS}
+
+
+@pytest.mark.parametrize("field", ["vx_m_s", "vy_m_s", "vz_m_s", "yaw_rate_rad_s"])
+def test_a_setpoint_that_is_not_a_number_fails(field: str) -> None:
+    timing, link = traffic(0.01), VehicleLink()
+    assert timing.figures()["setpoints_not_finite"] == 0
+    timing.ended_s = None
+    link.send_velocity(VelocityCommand(**{"vx_m_s": 1.0, "vy_m_s": 0.0, "vz_m_s": 0.0, field: float("nan")}), 0)
+    timing.hear(link.take(), 9.99)
+    timing.end(10.0)
+    assert timing.figures()["setpoints_not_finite"] == 1
+    assert held([timing.figures()])["setpoints_not_finite"] is Verdict.FAIL
 
 
 @pytest.mark.parametrize("figures", [
