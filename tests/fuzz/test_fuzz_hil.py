@@ -37,8 +37,8 @@ def test_no_companion_can_break_the_figures(pieces: list[bytes]) -> None:
 @given(st.lists(st.one_of(stream(st.integers(0, 255)), SETPOINT), max_size=8))
 @settings(max_examples=100, deadline=None)
 def test_the_flight_log_never_gets_a_command_that_is_not_finite(pieces: list[bytes]) -> None:
-    weather = SimpleNamespace(temperature_c=20.0)
-    world = SimpleNamespace(geometry=SimpleNamespace(positions_m={"left": None}), scene=SimpleNamespace(weather=weather))
+    scene = SimpleNamespace(weather=SimpleNamespace(temperature_c=20.0))
+    world = SimpleNamespace(geometry=SimpleNamespace(positions_m={"left": None}), scene=scene)
     shadow = Shadow(world)  # type: ignore[arg-type]
     for piece in pieces:
         shadow.saw_mavlink(whole(piece))
