@@ -21,6 +21,8 @@ from saranga.navigate import EchoPolicy, Policy, VelocityCommand
 HOLD = VelocityCommand(0.0, 0.0, 0.0)
 # Ten echo cycles: shorter gaps are ordinary loss, longer ones fly blind for over 0.25 m at 1 m/s.
 STALE_US = 256_000
+# A tick of 16 Hz: what is taken to have passed when the caller's clock was set back.
+TICK_US = 62_500
 # Nothing the airframe is meant to do is faster; a policy beyond it is broken, not bold.
 MAX_SPEED_M_S = 5.0
 DISPARITIES = ("auto", "phase", "envelope", "edges")
@@ -75,6 +77,8 @@ class Stack:
         self._images = {role: EchoImage() for role in geometry.positions_m}
         self._seen_us: dict[str, int | None] = dict.fromkeys(geometry.positions_m)
         self._started_us: int | None = None
+        self._last_us: int | None = None
+        self._set_back_us = 0
 
     def set_temperature(self, temperature_c: float) -> None:
         """Speed of sound for the echoes from now on; rows already in the images stay as they are."""
@@ -85,6 +89,7 @@ class Stack:
         self._images = {role: EchoImage() for role in self._images}
         self._seen_us = dict.fromkeys(self._images)
         self._started_us = None
+        self._last_us, self._set_back_us = None, 0
         self.policy.reset()
 
     def warm_up(self) -> None:
@@ -102,9 +107,10 @@ class Stack:
 
         Args:
             cycles: zero or more, in trigger order.
-            t_us: now, in the caller's clock.
+            t_us: now, in the caller's clock; one that was set back is taken to have gone on.
         """
         decision = Decision(t_us, HOLD)
+        t_us = self._steady(t_us)
         timing = decision.timing_ms
         start = perf_counter()
         if self._started_us is None:
@@ -133,6 +139,16 @@ class Stack:
         if decision.fault is None:
             decision.command = command
         return decision
+
+    def _steady(self, t_us: int) -> int:
+        """The caller's time, never falling: else silent sensors would look fresh for as long as the clock was set
+        back, and what the policy remembers would lie in its future."""
+        steady_us = t_us + self._set_back_us
+        if self._last_us is not None and steady_us < self._last_us:
+            self._set_back_us += self._last_us + TICK_US - steady_us
+            steady_us = self._last_us + TICK_US
+        self._last_us = steady_us
+        return steady_us
 
     def _perceive(self, decision: Decision, start: float) -> float:
         """Edges and obstacles into `decision`; returns when it was done."""
