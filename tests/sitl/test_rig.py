@@ -319,7 +319,7 @@ def test_a_source_opens_the_rig_over_a_real_port(make: Any) -> None:
         hello = source.open()
         assert hello.firmware == "virtual rig 1"
         cycles: list[Any] = []
-        end = time.monotonic() + 10
+        end = time.monotonic() + 60  # a busy machine
         while len(cycles) < 20 and time.monotonic() < end:
             cycles += source.poll(0.1)
         assert [c.trigger for c in cycles] == list(range(20))

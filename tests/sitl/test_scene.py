@@ -195,5 +195,5 @@ def test_bad_files_get_one_clear_line(tmp_path, old, new, words):
 
 
 def test_unknown_scene_lists_the_known_ones():
-    with pytest.raises(UsageError, match=r"did you mean 'poles'.*boxes, open, paper-3d"):
+    with pytest.raises(UsageError, match=r"did you mean 'poles'.*boxes, hall, open, paper-3d"):
         load_scene("pole")

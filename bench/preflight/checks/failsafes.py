@@ -28,7 +28,7 @@ def examine(vehicle: VehicleEvidence) -> list[Finding]:
             seen=f"{when}: {name} {'absent' if value is None else f'{value:g}'}",
             bypassed=f"{name} is {'absent' if value is None else '0'}: nothing happens when {when}" if off else ""))
     low = vehicle.parameter("BATT_LOW_VOLT")
-    findings.append(Finding("battery_low_volt_v", low, "V", "set BATT_LOW_VOLT to 3.3 V a cell",
+    findings.append(Finding("battery_low_volt_v", low, "V", "set BATT_LOW_VOLT to 3.5 V a cell",
                             heard_s=vehicle.parameters_s,
                             bypassed="BATT_LOW_VOLT is 0: no voltage is low" if low == 0 else "",
                             blocked="" if low is not None else "the firmware has no BATT_LOW_VOLT"))

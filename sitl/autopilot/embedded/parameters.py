@@ -116,7 +116,7 @@ DEFINITIONS = (
     Definition("FS_GCS_TIMEOUT", 5.0, 2.0, 120.0, REAL, "s without its heartbeat"),
     Definition("FS_EKF_ACTION", 1.0, 0.0, 3.0, INT8, "0 report only, else land when the estimate is lost"),
     Definition("FS_CRASH_CHECK", 1.0, 0.0, 1.0, INT8, "disarm when the attitude stays lost for 2 s"),
-    Definition("BATT_LOW_VOLT", 13.2, 0.0, 60.0, REAL, "V, 0 = off"),
+    Definition("BATT_LOW_VOLT", 14.0, 0.0, 60.0, REAL, "V, 0 = off"),
     Definition("BATT_CRT_VOLT", 12.8, 0.0, 60.0, REAL, "V, 0 = off"),
     Definition("BATT_LOW_TIMER", 10.0, 0.0, 120.0, INT8, "s below before it counts"),
     Definition("BATT_FS_LOW_ACT", 1.0, 0.0, 1.0, INT8, "0 nothing, 1 land"),
