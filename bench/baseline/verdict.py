@@ -1,8 +1,9 @@
 """One verdict over success and all measures, at one confidence for the whole of them (Bonferroni).
 
 FAIL: a measure is worse, surely and by more than its margin. MARGINAL: surely, but by less. PASS: no regression shown;
-each measure says the least worsening that it would have shown. INCONCLUSIVE: too few pairs to show anything, or a
-measure that the baseline has and the run has not. ERROR: flights of the run broke off.
+each measure says the least worsening that it would have shown. INCONCLUSIVE: too few pairs to show anything; a measure
+that is worse at this confidence by itself, though not after the correction; or one that the baseline has and the run
+lacks. ERROR: flights of the run broke off.
 """
 
 import math
@@ -21,6 +22,8 @@ from saranga.errors import UsageError
 
 CONFIDENCE = 0.99
 """One false alarm in a hundred comparisons at most: a CI that cries wolf is switched off."""
+
+SUSPECT = f"worse by itself, not surely among {TESTS} tests; fly more"
 
 
 @dataclass(frozen=True)
@@ -124,12 +127,19 @@ def _reason(verdict: Verdict, findings: Sequence[Finding], n: int, what: str, id
     return "; ".join(f"{f.name}: {f.why}" for f in findings if f.verdict is verdict)
 
 
+def _alone(alpha: float) -> float:
+    """The level of one test by itself."""
+    return alpha * TESTS
+
+
 def _success(pairs: Pairs, paired: bool, alpha: float) -> Finding:
     run, baseline = ([r.get("success_strict") is True for r in side] for side in (pairs.run, pairs.baseline))
     drop: Drop = (paired_drop if paired else independent_drop)(run, baseline, alpha)
     seen = f"{drop.baseline} of {len(baseline)} clean before, {drop.run} of {len(run)} now"
     if drop.p < alpha:
         verdict, why = Verdict.FAIL, f"{seen} (p = {drop.p:.2g})"
+    elif drop.p < _alone(alpha):
+        verdict, why = Verdict.INCONCLUSIVE, f"{seen} (p = {drop.p:.2g}): {SUSPECT}"
     elif drop.seen_from is None:
         verdict, why = Verdict.INCONCLUSIVE, f"{seen}: no drop would have been significant; fly more"
     else:
@@ -166,6 +176,8 @@ def _measure(measure: Measure, run: Sequence[Result], baseline: Sequence[Result]
     elif shift.p < alpha:
         verdict = Verdict.MARGINAL
         why = f"{text} (p = {shift.p:.2g}), less than the {measure.margin:g} {measure.unit} that matter"
+    elif shift.p < _alone(alpha) and shift.estimate >= measure.margin:
+        verdict, why = Verdict.INCONCLUSIVE, f"{text} (p = {shift.p:.2g}): {SUSPECT}"
     else:
         verdict, why = Verdict.PASS, f"{text} (p = {shift.p:.2g}); {would_see:.3g} {measure.unit} would have been shown"
     return Finding(measure.name, measure.unit, verdict, why, n, float(np.mean(y)), float(np.mean(x)), shift.estimate,

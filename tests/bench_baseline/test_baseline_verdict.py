@@ -59,6 +59,20 @@ def test_a_worsened_stack_fails_by_name(change: Any, by: str, tmp_path: Path) ->
     assert by in {f.name for f in found.findings if f.verdict is Verdict.FAIL}
 
 
+def test_what_is_worse_by_itself_is_not_passed(tmp_path: Path) -> None:
+    def clean(result: dict[str, Any], seed: int) -> None:
+        result["success_strict"] = True
+
+    def nine_lost(result: dict[str, Any], seed: int) -> None:
+        result["success_strict"] = seed == SEEDS[0]
+
+    ten = range(SEEDS[0], SEEDS[0] + 10)
+    found = held(make_run(tmp_path, ten, nine_lost), make_run(tmp_path, ten, clean))
+    success = found.findings[0]
+    assert 0.01 / 7 < success.p < 0.01 and success.verdict is Verdict.INCONCLUSIVE
+    assert found.verdict is Verdict.INCONCLUSIVE and "worse by itself" in found.reason
+
+
 def test_better_is_no_regression(tmp_path: Path) -> None:
     found = held(make_run(tmp_path, SEEDS, worse("first_seen_m", +0.5)), make_run(tmp_path, SEEDS))
     assert found.verdict is Verdict.PASS
