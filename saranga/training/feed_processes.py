@@ -11,6 +11,8 @@ from saranga.training.recipe import TrainingRecipe
 
 _AHEAD = 3
 """Batches that wait, a process."""
+_START = "spawn"
+"""A process forked from one with threads and a GPU may hang or take its parent along."""
 
 
 class NumberedBatches(Dataset[tuple[Tensor, Tensor]]):
@@ -32,6 +34,6 @@ def feed_from_processes(recipe: TrainingRecipe, processes: int, first: int = 0) 
     batches = recipe.images // recipe.optimiser.batch
     loader: DataLoader[tuple[Tensor, Tensor]] = DataLoader(
         NumberedBatches(recipe), batch_size=None, sampler=range(first, batches), num_workers=processes,
-        prefetch_factor=_AHEAD)
+        prefetch_factor=_AHEAD, multiprocessing_context=_START)
     for inputs, targets in loader:
         yield TrainingBatch(inputs.numpy(), targets.numpy())
