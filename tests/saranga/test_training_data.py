@@ -1,5 +1,8 @@
 """What networks learn from: recipes, and batches that depend on nothing but the recipe."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +14,6 @@ from saranga.fixtures import fixture_path, load_toml
 from saranga.track_map import SHAPE
 from saranga.training.check import check_sets, strongest_edge_rate
 from saranga.training.feed import Feed, Sources, chosen, draw_batch, scene_numbers
-from saranga.training.feed_processes import feed_from_processes
 from saranga.training.recipe import TrainingRecipe, load_training_recipe, parse_training_recipe
 
 
@@ -67,13 +69,33 @@ def test_batches_do_not_depend_on_the_threads_nor_on_where_a_run_began() -> None
     assert any(batch.targets.any() for batch in one)
 
 
-def test_processes_draw_the_same_batches_as_threads() -> None:
-    recipe = small()
+PROCESSES = """
+import sys
+import numpy as np
+from saranga.training.feed import Feed
+from saranga.training.feed_processes import feed_from_processes
+from saranga.training.recipe import load_training_recipe
+
+if __name__ == "__main__":
+    recipe = load_training_recipe(sys.argv[1])
     threads, processes = list(Feed(recipe))[2:], list(feed_from_processes(recipe, 2, first=2))
     assert len(processes) == 4
     for a, b in zip(threads, processes, strict=True):
         np.testing.assert_array_equal(a.inputs, b.inputs)
         np.testing.assert_array_equal(a.targets, b.targets)
+    print("the same")
+"""
+
+
+def test_processes_draw_the_same_batches_as_threads(tmp_path: Path) -> None:
+    """In a process of its own, as training is: the loader's processes and handlers are no guests for a test worker."""
+    text = fixture_path("training", "default").read_text(encoding="utf-8")
+    text = re.sub(r"batch = \d+", "batch = 4", re.sub(r"pairs = [\d_]+", "pairs = 24", text))
+    (tmp_path / "small.toml").write_text(text)
+    (tmp_path / "compare.py").write_text(PROCESSES)
+    done = subprocess.run([sys.executable, str(tmp_path / "compare.py"), str(tmp_path / "small.toml")], timeout=200,
+                          capture_output=True, text=True)
+    assert done.returncode == 0 and "the same" in done.stdout, done.stderr[-2000:]
 
 
 def test_an_error_in_drawing_reaches_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
