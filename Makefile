@@ -55,7 +55,7 @@ lint: $(EXTRAS)
 # Lint on one core while the kernels compile on the other.
 test: $(EXTRAS)
 	@$(MAKE) --no-print-directory -j2 -O lint kernels
-	$(BIN)/python -m pytest -n 3 --dist loadgroup --durations=40 -m "not slow" --ignore=tests/benchmarks --cov --cov-report=term:skip-covered
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --durations=40 -m "not slow" --ignore=tests/benchmarks --cov --cov-report=term:skip-covered
 
 kernels: $(STAMP)
 	@$(BIN)/python tools/warm_kernels.py

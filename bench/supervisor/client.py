@@ -152,6 +152,8 @@ class Supervisor:
         answer = self._ask({"clear": confirmation.text})
         if not answer.get("cleared"):
             raise UsageError(f"trips stay latched: {answer.get('text') or 'the supervisor does not answer'}")
+        # A status from before may still be on its way; `set` must not be refused for it.
+        self._await(lambda: not self._status.trips, ANSWER_TIMEOUT_S)
 
     # ---- the end -----------------------------------------------------------------------------------
     def stop(self) -> StopReport:
