@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bench.emulated import Started, is_emulated
 from bench.journal import FILE_NAME, open_journal
-from bench.preflight import emulated, judge, rig_side
+from bench.preflight import judge, rig_side
 from bench.preflight.collect import ARMED, Conversation, Deadlines, Say, Stop
 from bench.preflight.collect import gather as gather_vehicle
+from bench.preflight.emulated import order_vehicle
 from bench.preflight.evidence import Evidence
 from bench.preflight.fix import Ask, ask_on_terminal, fix_parameters
 from bench.preflight.guard import GuardedLink
@@ -24,6 +26,7 @@ from bench.preflight.sign import load_key, signed
 from bench.preflight.stack_timing import time_stack
 from bench.provenance import git_state, sha256_of, versions
 from bench.rig.check import known_limits as known_rig_limits
+from bench.rig.rehearsal import order_rig
 from bench.store import Run, Store, write_json
 from bench.verdict import Limit, Verdict, load_limits, worst
 from saranga.echo import load_sonar
@@ -79,7 +82,7 @@ def preflight(plan: Plan, store: Store, say: Say = lambda text: None, stop: Stop
     try:
         with contextlib.ExitStack() as started, \
                 open_journal(run.folder / FILE_NAME, run=run.id, plan=_plain(plan), versions=versions()) as journal:
-            rehearsal = emulated.is_emulated(plan.vehicle) or emulated.is_emulated(plan.rig)
+            rehearsal = is_emulated(plan.vehicle) or is_emulated(plan.rig)
             plan = _start_emulated(plan, started, say, stop)
             began = time.monotonic()
             evidence, phases, fixed = _gather(plan, run, say, stop, ask, started, REHEARSAL_TRIES if rehearsal else 1)
@@ -117,22 +120,22 @@ def _checked(plan: Plan) -> tuple[list[Limit], list[Limit], bytes | None]:
     judge.examine(Evidence(), limits, rig_limits, plan.skip)
     wanted_parameters(plan.parameters)
     load_sonar(plan.sonar)
-    if emulated.is_emulated(plan.vehicle):
-        emulated.order_vehicle(plan.vehicle or "")
-    if emulated.is_emulated(plan.rig):
-        emulated.order_rig(plan.rig or "")
+    if is_emulated(plan.vehicle):
+        order_vehicle(plan.vehicle or "")
+    if is_emulated(plan.rig):
+        order_rig(plan.rig or "")
     return limits, rig_limits, load_key(plan.sign_key) if plan.sign_key is not None else None
 
 
 def _start_emulated(plan: Plan, started: contextlib.ExitStack, say: Say, stop: Stop) -> Plan:
     """Both at once, then wait for both; what cannot start is a link that failed, found when it is opened."""
-    orders: dict[str, emulated.Started] = {}
-    if emulated.is_emulated(plan.vehicle):
+    orders: dict[str, Started] = {}
+    if is_emulated(plan.vehicle):
         orders["vehicle"] = started.enter_context(
-            contextlib.closing(emulated.Started(emulated.order_vehicle(plan.vehicle or ""))))
-    if emulated.is_emulated(plan.rig):
+            contextlib.closing(Started(order_vehicle(plan.vehicle or ""))))
+    if is_emulated(plan.rig):
         orders["rig"] = started.enter_context(
-            contextlib.closing(emulated.Started(emulated.order_rig(plan.rig or ""))))
+            contextlib.closing(Started(order_rig(plan.rig or ""))))
     if orders:
         say(f"starting an emulated {' and '.join(orders)}")
     urls = {part: process.url(stop) for part, process in orders.items()}

@@ -1,41 +1,16 @@
-"""A rehearsal: `emulated:` in place of a vehicle or rig starts one on this computer, as processes that end with us.
+"""A rehearsal: `emulated:` in place of a vehicle.
 
-`emulated:`, `emulated:arducopter`, `emulated:?port=pty&fault=no_flow&fault=BATT_LOW_VOLT=0` for a vehicle;
-`emulated:`, `emulated:?fault=swapped_sensors&seed=3` for a rig.
+`emulated:`, `emulated:arducopter`, `emulated:?port=pty&fault=no_flow&fault=BATT_LOW_VOLT=0`.
 """
 
-import json
-import select
-import subprocess
 import sys
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
-from urllib.parse import parse_qsl
 
-from bench.rig.faults import parse_faults
-from saranga.errors import DeviceError, UsageError
+from bench.emulated import Ordered, split_url
+from saranga.errors import UsageError
 from sitl.autopilot import KINDS
 from sitl.parked_faults import parse_parked_faults
-from sitl.process import die_with_parent
 
-SCHEME = "emulated:"
-START_S = 180.0
 EXAMPLES = "emulated:, emulated:arducopter or emulated:?fault=NAME&port=pty"
-
-
-def is_emulated(url: str | None) -> bool:
-    """Whether a URL asks for one to be started."""
-    return url is not None and url.startswith(SCHEME)
-
-
-@dataclass(frozen=True)
-class Ordered:
-    """What to start."""
-
-    command: tuple[str, ...]
-    what: str
 
 
 def order_vehicle(url: str) -> Ordered:
@@ -44,7 +19,7 @@ def order_vehicle(url: str) -> Ordered:
     Raises:
         UsageError: an unknown autopilot, option or fault.
     """
-    kind, options = _split(url, ("fault", "port", "seed"))
+    kind, options = split_url(url, ("fault", "port", "seed"))
     kind = kind or KINDS[0]
     if kind not in KINDS:
         raise UsageError(f"--vehicle {url!r}: autopilot {kind!r} is not known: {', '.join(KINDS)}; use {EXAMPLES}")
@@ -53,70 +28,3 @@ def order_vehicle(url: str) -> Ordered:
     for key, value in options:
         command += [f"--{key}", value]
     return Ordered(tuple(command), f"parked vehicle ({kind})")
-
-
-def order_rig(url: str) -> Ordered:
-    """The command of an emulated rig with a pole at 0.8 m, 30 degrees to the right.
-
-    Raises:
-        UsageError: an unknown option or fault.
-    """
-    kind, options = _split(url, ("fault", "port", "seed", "reflector", "sonar"))
-    if kind:
-        raise UsageError(f"--rig {url!r}: use emulated: or emulated:?fault=NAME")
-    parse_faults([value for key, value in options if key == "fault"])
-    command = [sys.executable, "-m", "bench.cli", "rig", "emulate", "--json"]
-    for key, value in options:
-        command += [f"--{key}", value]
-    return Ordered(tuple(command), "emulated rig")
-
-
-def _split(url: str, known: tuple[str, ...]) -> tuple[str, list[tuple[str, str]]]:
-    kind, _, query = url.removeprefix(SCHEME).partition("?")
-    options = parse_qsl(query, keep_blank_values=True)
-    for key, _ in options:
-        if key not in known:
-            raise UsageError(f"{url!r}: no option {key!r}: known are {', '.join(known)}")
-    return kind.strip("/"), options
-
-
-class Started:
-    """A process that serves a URL; `url` waits for it."""
-
-    def __init__(self, ordered: Ordered) -> None:
-        self._what = ordered.what
-        self._process = subprocess.Popen(ordered.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                         stderr=subprocess.PIPE, preexec_fn=die_with_parent, start_new_session=True)
-
-    def url(self, stop: Callable[[], bool] = lambda: False, seconds: float = START_S) -> str | None:
-        """Its URL, once it serves; None where `stop` came first.
-
-        Raises:
-            DeviceError: it ended, or did not get ready in time.
-        """
-        out, deadline = self._process.stdout, time.monotonic() + seconds
-        assert out is not None
-        while time.monotonic() < deadline:
-            if stop():
-                return None
-            if not select.select([out], [], [], 0.2)[0]:
-                continue
-            line = out.readline()
-            if line:
-                told: dict[str, Any] = json.loads(line)
-                return str(told["url"])
-            error = self._process.stderr.read().decode(errors="replace").strip() if self._process.stderr else ""
-            raise DeviceError(f"{self._what} did not start: {error.removeprefix('error: ') or 'no reason given'}")
-        raise DeviceError(f"{self._what} was not ready within {seconds:g} s: is this computer busy?")
-
-    def close(self) -> None:
-        """End it. The end of its standard input is the sign; what does not heed it is killed."""
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            if stream is not None:
-                stream.close()
-        self._process.terminate()
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()

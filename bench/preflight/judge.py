@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import bench.preflight.checks
+from bench.findings import judge_finding
 from bench.preflight.evidence import EMULATED, SIMULATED, Evidence, Finding
 from bench.rig.check import examine as examine_rig
-from bench.verdict import Check, Limit, Measurement, Verdict, check, load_limits
+from bench.verdict import Check, Limit, Verdict, load_limits
 from saranga.errors import UsageError
 from saranga.plugins import nearest_hint, plugins
 
@@ -69,15 +70,7 @@ def _origin(name: str, evidence: Evidence) -> str:
 
 
 def _judge(finding: Finding, limits: dict[str, Limit], origin: str) -> Check:
-    title = f"{finding.limit} {finding.of}".strip()
-    limit = limits.get(finding.limit)
-    if limit is None:
-        return Check(title, Verdict.INCONCLUSIVE, finding.value, finding.unit, "", "the limits file has none for it",
-                     origin)
-    if finding.blocked:
-        return Check(title, Verdict.INCONCLUSIVE, None, finding.unit, limit.text, finding.blocked, origin,
-                     reason=limit.reason, source=limit.source)
-    checked = replace(check(Measurement(finding.value, finding.unit, origin, finding.samples), limit), name=title)
+    checked = judge_finding(finding, limits, origin)
     if finding.bypassed and checked.verdict.accepted:
         return replace(checked, verdict=Verdict.FAIL, why=finding.bypassed)
     return checked

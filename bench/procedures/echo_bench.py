@@ -161,7 +161,8 @@ class RigEchoBench:
 def echo_bench(url: str, rig: RigSettings, what: str, hands: Hands, record: Path | None,
                asked_to_stop: Callable[[], bool]) -> EchoBench:
     """The bench that a rig URL names; `emulated:` is one in this process."""
-    from bench.procedures.emulated_device import is_emulated, parse_emulated
+    from bench.emulated import is_emulated
+    from bench.procedures.emulated_device import parse_emulated
 
     if is_emulated(url):
         spec = parse_emulated(url)

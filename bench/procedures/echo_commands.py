@@ -20,9 +20,9 @@ from saranga.errors import BenchError, UsageError
 
 def beam_command(name: str, rig: str | None, resume: str | None, dry_run: bool, as_json: bool, out: Path | None) -> int:
     """Returns the exit code."""
+    from bench.emulated import is_emulated
     from bench.procedures.beam import BeamPoint, beam_result, measure_beam, places
     from bench.procedures.echo_bench import echo_bench
-    from bench.procedures.emulated_device import is_emulated
 
     store = Store(runs_root(out))
     folder = store.resolve(resume) if resume is not None else None

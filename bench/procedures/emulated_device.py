@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
 
+from bench.emulated import SCHEME, is_emulated
 from bench.procedures.plan import Condition, NoisePlan
 from saranga.errors import DeviceError, UsageError
 from saranga.plugins import nearest_hint
@@ -26,7 +27,6 @@ from saranga.plugins import nearest_hint
 if TYPE_CHECKING:
     from bench.rig.emulator import EmulatedDevice
 
-SCHEME = "emulated:"
 START_LIMIT_S = 120.0
 """The first start after an installation compiles."""
 ORDER_LIMIT_S = 5.0
@@ -53,11 +53,6 @@ class EmulatedSpec:
         named = [t.partition("=")[0] for t in self.shields]
         more = [c.shield for c in plan.conditions if c.shield not in (*named, "none")]
         return replace(self, shields=("none=0", *self.shields, *dict.fromkeys(more)))
-
-
-def is_emulated(url: str | None) -> bool:
-    """Whether a URL names an emulated device to be started."""
-    return url is not None and url.startswith(SCHEME)
 
 
 def parse_emulated(*urls: str | None) -> EmulatedSpec:

@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.emulated import is_emulated
 from bench.interrupt import Interrupts, interruptible
 from bench.procedures.bench import Bench
 from bench.procedures.emulated_device import (
     EmulatedProcess,
     EmulatedSpec,
-    is_emulated,
     make_emulated,
     parse_emulated,
     refuse_what_only_simulated_time_can,

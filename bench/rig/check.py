@@ -2,17 +2,18 @@
 
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import bench.rig.checks
+from bench.findings import judge_finding
 from bench.journal import FILE_NAME, open_journal
 from bench.provenance import git_state, versions
 from bench.rig.driver import Rig, open_rig
-from bench.rig.evidence import Evidence, Finding
+from bench.rig.evidence import Evidence
 from bench.store import Store
-from bench.verdict import Check, Limit, Measurement, Verdict, check, load_limits, worst
+from bench.verdict import Limit, Verdict, load_limits, worst
 from saranga.echo import EchoCycle, load_sonar
 from saranga.errors import BenchError, UsageError
 from saranga.plugins import plugins
@@ -97,22 +98,10 @@ def examine(evidence: Evidence, limits: list[Limit], origin: str) -> list[dict[s
     rows = []
     for name, module in plugins(bench.rig.checks).items():
         for finding in module.build()(evidence):
-            checked = _judge(finding, by_name, origin)
+            checked = judge_finding(finding, by_name, origin)
             bad = checked.verdict in (Verdict.FAIL, Verdict.ERROR, Verdict.MARGINAL)
             rows.append({**checked.to_dict(), "check": name, "of": finding.of, "cause": finding.cause if bad else ""})
     return rows
-
-
-def _judge(finding: Finding, limits: dict[str, Limit], origin: str) -> Check:
-    title = f"{finding.limit} {finding.of}".strip()
-    limit = limits.get(finding.limit)
-    if limit is None:
-        return Check(title, Verdict.INCONCLUSIVE, finding.value, finding.unit, "", "the limits file has none for it",
-                     origin)
-    if finding.blocked:
-        return Check(title, Verdict.INCONCLUSIVE, None, finding.unit, limit.text, finding.blocked, origin,
-                     reason=limit.reason, source=limit.source)
-    return replace(check(Measurement(finding.value, finding.unit, origin, finding.samples), limit), name=title)
 
 
 def known_limits() -> list[str]:
