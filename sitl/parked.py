@@ -14,7 +14,6 @@ import json
 import math
 import os
 import select
-import signal
 import stat
 import sys
 import time
@@ -24,7 +23,7 @@ from typing import Protocol
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from saranga.errors import BenchError, DeviceError, UsageError
+from saranga.errors import DeviceError, UsageError
 from saranga.vehicle import VehicleLink, version_text
 from sitl.airframe import load_airframe
 from sitl.autopilot import KINDS
@@ -39,6 +38,7 @@ from sitl.clock import Delayed, Periodic
 from sitl.ground_control import ALTITUDE_M, LATITUDE_DEG, LONGITUDE_DEG, ORIGIN_FROM_US
 from sitl.parked_faults import Disguise, ParkedFaults, parse_parked_faults
 from sitl.physics import Physics
+from sitl.process import serve_until_told
 from sitl.rig_ports import PtyPort
 from sitl.sensors import FlightSensors
 
@@ -267,10 +267,6 @@ def run(arguments: argparse.Namespace) -> None:
         vehicle.serve(port, arguments.seconds, _stdin_ended())
 
 
-def _terminate(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
 def main(argv: list[str] | None = None) -> int:
     """Command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m sitl.parked", description=__doc__,
@@ -282,15 +278,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=600.0, help="of wall time after the boot (%(default)g)")
     parser.add_argument("--boot", type=float, metavar="S", help="simulated seconds before it is served")
     parser.add_argument("--workdir", type=Path, help="where arducopter runs (a temporary folder)")
-    signal.signal(signal.SIGTERM, _terminate)
-    try:
-        run(parser.parse_args(argv))
-    except BenchError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    except (KeyboardInterrupt, BrokenPipeError):
-        return 0
-    return 0
+    return serve_until_told(lambda: run(parser.parse_args(argv)))
 
 
 if __name__ == "__main__":

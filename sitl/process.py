@@ -1,7 +1,11 @@
-"""Subprocesses that never outlive us."""
+"""Subprocesses that never outlive us, and how one that serves ends."""
 
 import ctypes
 import signal
+import sys
+from collections.abc import Callable
+
+from saranga.errors import BenchError
 
 PR_SET_PDEATHSIG = 1
 
@@ -13,3 +17,17 @@ def die_with_parent() -> None:
     end the flight in order.
     """
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def serve_until_told(serve: Callable[[], None]) -> int:
+    """Run `serve`; returns the exit code. SIGTERM, Ctrl-C and a reader that has gone end it in order, a BenchError with its
+    line."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        serve()
+    except BenchError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except (KeyboardInterrupt, BrokenPipeError):
+        return 0
+    return 0

@@ -14,7 +14,6 @@ import json
 import math
 import os
 import select
-import signal
 import stat
 import sys
 import time
@@ -24,7 +23,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from saranga.errors import BenchError, DeviceError, UsageError
+from saranga.errors import DeviceError, UsageError
 from saranga.vehicle import VehicleLink, version_text
 from sitl.airframe import load_airframe
 from sitl.autopilot import KINDS, make_autopilot
@@ -33,6 +32,7 @@ from sitl.autopilot.servers import MavlinkPort, TcpServer, UdpClient, UdpServer
 from sitl.clock import Periodic
 from sitl.ground_control import ALTITUDE_M, LATITUDE_DEG, LONGITUDE_DEG, ORIGIN_FROM_US
 from sitl.physics import Physics
+from sitl.process import serve_until_told
 from sitl.sensors import FlightSensors
 
 REPORT_US = 200_000
@@ -203,20 +203,8 @@ def run(arguments: argparse.Namespace) -> None:
         serve(world, ports, arguments.seconds)
 
 
-def _terminate(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
 def main() -> int:
-    signal.signal(signal.SIGTERM, _terminate)
-    try:
-        run(arguments_of())
-    except BenchError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    except (KeyboardInterrupt, BrokenPipeError):
-        return 0
-    return 0
+    return serve_until_told(lambda: run(arguments_of()))
 
 
 if __name__ == "__main__":
