@@ -20,8 +20,10 @@ def die_with_parent() -> None:
 
 
 def serve_until_told(serve: Callable[[], None]) -> int:
-    """Run `serve`; returns the exit code. SIGTERM, Ctrl-C and a reader that has gone end it in order, a BenchError with its
-    line."""
+    """Run `serve`; returns the exit code.
+
+    SIGTERM, Ctrl-C and a reader that has gone end it in order, a BenchError with its line.
+    """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         serve()
