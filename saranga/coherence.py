@@ -13,7 +13,7 @@ _SLOPE_STEP, _SLOPES = 1.0 / 32.0, 65
 """Of l1, columns a row: up to 1.0, which is 2.5 m/s sideways at 1 m and 1.3 m/s at 0.5 m (b = 0.10 m)."""
 _SPEED_MIN, _SPEED_STEP, _SPEEDS = -4.0, 0.5, 49
 _ACCEL_STEP, _ACCELS = 0.15, 5
-"""Of the track, columns a row and a row^2: -0.5..2.5 m/s, +-1.5 m/s2, as `saranga.denoise.tracks`."""
+"""Of the track, columns a row and a row^2: -0.5..2.5 m/s, +-1.5 m/s2, as `saranga.denoise.track_sums`."""
 _MIDDLE = 0.5 * (ROWS - 1)
 _SWEEPS = 3
 _SLOPE_PRICE = 0.05

@@ -16,6 +16,9 @@ SHAPES: dict[str, tuple[int, int, int, int]] = {
     "envelope": (1, 1, HISTORY_ROWS, RANGE_COLUMNS),
 }
 """Input by kind, batch of one."""
+MADE: dict[str, str] = {"tracks": "tracks-2", "envelope": "envelope-1"}
+"""How an input is made now. A network trained on another making of the same shape would be wrong and never say so:
+count on whenever one changes. tracks-1 had a grid of two columns and 0.25 columns a row."""
 
 
 class NetworkInput(Protocol):

@@ -24,6 +24,7 @@ from saranga.evaluation.detections import strongest_range, truth_of
 from saranga.evaluation.measures import score_rows
 from saranga.evaluation.report import processor
 from saranga.evaluation.sets import pair_set
+from saranga.input_kinds import MADE
 
 CALIBRATION_SEED = 4_001
 METRICS_SEED = 4_002
@@ -67,7 +68,7 @@ def publish(checkpoint: Path, folder: Path, images: int, say: Callable[[str], No
         data["tflite"] = tflite.read_bytes()
     metadata: dict[str, Any] = {
         "name": name, "architecture": content["architecture"], "parameters": parameter_count(network),
-        "threshold": 0.5, "edge_offset_m": 0.0,
+        "threshold": 0.5, "edge_offset_m": 0.0, "input": MADE[source_kind(fp32, checkpoint)],
         "files": {k: {"file": files[k].name, "sha256": hashlib.sha256(d).hexdigest(), "bytes": len(d)}
                   for k, d in data.items()},
     }

@@ -2,8 +2,8 @@
 
 An echo at 0 dB is lost in every single row; over 32 rows it stands out, but only along its own range track. A network
 of this size would need millions of images to learn to sum along tracks, so the sums are made for it: log-likelihoods
-(`denoise.likelihood`), summed along quadratic tracks (`denoise.tracks`), best track for each closing speed and column
-of the newest row. An obstacle that comes nearer at 0.5 m/s has its peak at (0.5 m/s, its range now).
+(`denoise.likelihood`), summed along quadratic tracks (`denoise.track_sums`), best track for each closing speed and
+column of the newest row. An obstacle that comes nearer at 0.5 m/s has its peak at (0.5 m/s, its range now).
 What is left to the network is what a rule does badly: telling obstacles from ringing, sidelobes and the traces of
 obstacles that have gone, and how likely an edge is.
 
@@ -17,29 +17,18 @@ from numpy.typing import NDArray
 
 from saranga.denoise import likelihood
 from saranga.denoise.pulse import BANDWIDTH_HZ, RING_DOWN_M, blank_columns, pulse
-from saranga.denoise.tracks import (
-    _ACCELS,
-    _SPEEDS,
-    ACCEL_SIGMA,
-    ACCEL_STEP,
-    SPEED_MIN,
-    SPEED_STEP,
-    _link,
-    pieces,
-)
-from saranga.denoise.tracks import STEP as CELL
+from saranga.denoise.track_sums import BLOCKS, SPEED_BINS, UNIT, best_tracks, pieces, scratch_arrays
+from saranga.echo import RANGE_COLUMNS
 
-DEPTHS, HALVES, SPEED_BINS, RANGE_BINS = 4, 2, 32, 128
+DEPTHS, HALVES, RANGE_BINS = BLOCKS, 2, 128
 SHAPE = (DEPTHS * HALVES, SPEED_BINS, RANGE_BINS)
 """Newest 8, 16, 24 or 32 rows, lower and upper half of a range bin; closing speed, -0.5 to 2.5 m/s; range, 4 columns
 (13 mm)."""
-_SPEEDS_A_BIN = _SPEEDS // SPEED_BINS
-_CELLS = HALVES * RANGE_BINS
-_LOWEST = np.float32(-1e9)
+_COLUMNS_A_HALF = 2
 
 
 class TrackMap:
-    """Makes the input of one image or many.
+    """Makes the input of one image or many; an object is of one thread.
 
     Args:
         bandwidth_hz: of the receiver.
@@ -50,6 +39,8 @@ class TrackMap:
         self._sigma = pulse(bandwidth_hz).sigma_columns
         self._blank = blank_columns(ring_down_m)
         self._table = likelihood.log_likelihood_table(likelihood.DESIGN_AMPLITUDE)
+        best = np.empty((DEPTHS, SPEED_BINS, RANGE_COLUMNS), dtype=np.int16)
+        self._memory = (*scratch_arrays(RANGE_COLUMNS), best)
 
     def fill(self, iq: NDArray[np.complex64], rows: int, out: NDArray[np.float32]) -> bool:
         """Write the input for one image.
@@ -62,61 +53,30 @@ class TrackMap:
         Returns:
             Whether anything was measured.
         """
-        return bool(_fill(iq, rows, self._table, self._sigma, self._blank, out))
+        return bool(_fill(iq, rows, False, self._table, self._sigma, self._blank, out, self._memory))
 
     def fill_many(self, iq: NDArray[np.complex64], amplitude_only: NDArray[np.bool_], out: NDArray[np.float32]) -> None:
         """`fill` for (K, M, N), those with `amplitude_only` (K,) as if their phase were unknown, into (K, *SHAPE)."""
-        _fill_many(iq, amplitude_only, self._table, self._sigma, self._blank, out)
+        _fill_many(iq, amplitude_only, self._table, self._sigma, self._blank, out, self._memory)
 
 
 @njit(cache=True)
-def _raise_to(best, total):  # type: ignore[no-untyped-def]
-    for c in range(best.size):
-        best[c] = total[c] if total[c] > best[c] else best[c]
+def _compressed(best, out):  # type: ignore[no-untyped-def]
+    """`best_tracks` by half range bins, as float32 of `SHAPE`.
 
-
-@njit(cache=True)
-def _add_and_raise(best, total, piece):  # type: ignore[no-untyped-def]
-    for c in range(best.size):
-        t = total[c] + piece[c]
-        total[c] = t
-        best[c] = t if t > best[c] else best[c]
-
-
-@njit(cache=True)
-def _best_tracks(coarse, out):  # type: ignore[no-untyped-def]
-    """Fill `out` with the best score of the tracks of every (rows used, speed, range) bin, compressed."""
-    piece = pieces(coarse)
-    best = np.empty((DEPTHS, _CELLS), dtype=np.float32)
-    total = np.empty(_CELLS, dtype=np.float32)
-    out[:] = _LOWEST
-    for iv in range(_SPEEDS_A_BIN * SPEED_BINS):
-        v = SPEED_MIN + iv * SPEED_STEP
-        best[:] = _LOWEST
-        for ia in range(_ACCELS):
-            a = (ia - _ACCELS // 2) * ACCEL_STEP
-            total[:] = -0.5 * (a / ACCEL_SIGMA) ** 2
-            for b in range(DEPTHS):
-                shift, s = _link(v, a, b)
-                first, last = min(max(0, -shift), _CELLS), max(min(_CELLS, _CELLS - shift), 0)
-                row = best[b]
-                if last <= first:
-                    _raise_to(row, total)
-                    continue
-                _raise_to(row[:first], total[:first])
-                _add_and_raise(row[first:last], total[first:last], piece[b, s, first + shift:last + shift])
-                _raise_to(row[last:], total[last:])
-        for b in range(DEPTHS):
-            for half in range(HALVES):
-                to = out[HALVES * b + half, iv // _SPEEDS_A_BIN]
-                for j in range(RANGE_BINS):
-                    to[j] = max(to[j], best[b, HALVES * j + half])
-    # a root keeps differences of strong echoes and the scale of noise within eight bits
-    for b in range(DEPTHS * HALVES):
+    The root keeps differences of strong echoes and the scale of noise within eight bits.
+    """
+    pairs = np.empty(RANGE_COLUMNS // _COLUMNS_A_HALF, dtype=np.float32)
+    for b in range(DEPTHS):
         for s in range(SPEED_BINS):
-            for j in range(RANGE_BINS):
-                x = out[b, s, j]
-                out[b, s, j] = np.float32(0.25) * x / np.sqrt(abs(x) + np.float32(4.0))
+            row = best[b, s]
+            for i in range(pairs.size):
+                x = np.float32(max(row[2 * i], row[2 * i + 1])) * np.float32(UNIT)
+                pairs[i] = np.float32(0.25) * x / np.sqrt(abs(x) + np.float32(4.0))
+            for half in range(HALVES):
+                to = out[HALVES * b + half, s]
+                for j in range(RANGE_BINS):
+                    to[j] = pairs[HALVES * j + half]
 
 
 @njit(cache=True)
@@ -126,22 +86,20 @@ def _evidence(iq, usable, with_phase, table, sigma, blank):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True)
-def _fill(iq, rows, table, sigma, blank, out):  # type: ignore[no-untyped-def]
+def _fill(iq, rows, hide_phase, table, sigma, blank, out, memory):  # type: ignore[no-untyped-def]
     usable = likelihood.usable_rows(iq, rows)
     if not usable.any():
         out[:] = 0.0
         return False
-    evidence = _evidence(iq, usable, likelihood.has_phase(iq, usable), table, sigma, blank)
-    _best_tracks(evidence[:, ::CELL].copy(), out)
+    with_phase = not hide_phase and likelihood.has_phase(iq, usable)
+    stored, sums, best = memory
+    pieces(_evidence(iq, usable, with_phase, table, sigma, blank), stored, sums)
+    best_tracks(sums, best)
+    _compressed(best, out)
     return True
 
 
 @njit(cache=True, nogil=True)
-def _fill_many(iq, amplitude_only, table, sigma, blank, out):  # type: ignore[no-untyped-def]
+def _fill_many(iq, amplitude_only, table, sigma, blank, out, memory):  # type: ignore[no-untyped-def]
     for k in range(iq.shape[0]):
-        usable = likelihood.usable_rows(iq[k], iq.shape[1])
-        if not usable.any():
-            out[k] = 0.0
-            continue
-        evidence = _evidence(iq[k], usable, not amplitude_only[k], table, sigma, blank)
-        _best_tracks(evidence[:, ::CELL].copy(), out[k])
+        _fill(iq[k], iq.shape[1], amplitude_only[k], table, sigma, blank, out[k], memory)

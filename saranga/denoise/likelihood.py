@@ -22,8 +22,12 @@ REACH = (TAPS // 2) * TAP_STEP
 """Columns at each end of what was measured where the filter lacks half its input: no evidence there."""
 DESIGN_AMPLITUDE = 1.2
 """Echo amplitude in noise RMS that the evidence is weighed for: faint, with a long history."""
-_LOADING = 0.1
-"""White noise added to the estimate, share of its power: keeps the inverse tame (the pulse is only known so well)."""
+_LOADING = 0.03
+"""White noise added to the estimate, share of its power: keeps the inverse tame (the pulse is only known so well).
+Where pulse and noise have one band, 0.1 finds 7 points less at 0 dB; where they have not, both find the same."""
+_FLOOR_ROWS = 2
+"""The noise floor of a row is the mean of its own and of so many on each side: one median scatters by a tenth, and
+propellers do not change within 0.1 s."""
 _FLOOR = 2.5e-3
 """The noise floor is at least this share of a row's highest power (-26 dB): the pulse's shape is not known better."""
 _POWER_CAP = 1.0 / _FLOOR
@@ -77,6 +81,18 @@ def whitened_taps(iq, usable, pulse_sigma, blank):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
+def _filter(x, taps, out):  # type: ignore[no-untyped-def]
+    """out[c] = sum of taps[t] x[c + t TAP_STEP], all taps in one pass."""
+    w0, w1, w2, w3, w4, w5, w6, w7, w8, w9, w10, w11, w12 = (
+        taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7], taps[8], taps[9], taps[10], taps[11],
+        taps[12])
+    for c in range(out.size):
+        out[c] = (w0 * x[c] + w1 * x[c + 2] + w2 * x[c + 4] + w3 * x[c + 6] + w4 * x[c + 8] + w5 * x[c + 10]
+                  + w6 * x[c + 12] + w7 * x[c + 14] + w8 * x[c + 16] + w9 * x[c + 18] + w10 * x[c + 20]
+                  + w11 * x[c + 22] + w12 * x[c + 24])
+
+
+@njit(cache=True)
 def filtered_power(iq, usable, taps, blank):  # type: ignore[no-untyped-def]
     """(M, N) power over each row's noise floor (mean 1 in noise), 0 in unusable rows."""
     m, n = iq.shape
@@ -85,6 +101,8 @@ def filtered_power(iq, usable, taps, blank):  # type: ignore[no-untyped-def]
     im = np.zeros(n + 2 * REACH, dtype=np.float32)
     fr = np.zeros(n, dtype=np.float32)
     fi = np.zeros(n, dtype=np.float32)
+    highest = np.zeros(m, dtype=np.float32)
+    floors = np.zeros(m, dtype=np.float32)
     for k in range(m):
         if not usable[k]:
             continue
@@ -92,20 +110,21 @@ def filtered_power(iq, usable, taps, blank):  # type: ignore[no-untyped-def]
             keep = c >= blank
             re[c + REACH] = iq[k, c].real if keep else np.float32(0.0)
             im[c + REACH] = iq[k, c].imag if keep else np.float32(0.0)
-        fr[:] = 0.0
-        fi[:] = 0.0
-        for t in range(TAPS):
-            w = taps[t]
-            at = t * TAP_STEP
-            for c in range(n):
-                fr[c] += w * re[c + at]
-                fi[c] += w * im[c + at]
-        highest = np.float32(0.0)
+        _filter(re, taps, fr)
+        _filter(im, taps, fi)
         for c in range(n):
             out[k, c] = fr[c] * fr[c] + fi[c] * fi[c]
-            highest = max(highest, out[k, c])
-        floor = np.median(out[k, blank + REACH:n - REACH:2]) / np.float32(np.log(2.0))
-        floor = max(floor, np.float32(_FLOOR) * highest)
+            highest[k] = max(highest[k], out[k, c])
+        floors[k] = np.median(out[k, blank + REACH:n - REACH:2]) / np.float32(np.log(2.0))
+    for k in range(m):
+        if not usable[k]:
+            continue
+        total, rows = np.float32(0.0), np.float32(0.0)
+        for i in range(max(k - _FLOOR_ROWS, 0), min(k + _FLOOR_ROWS + 1, m)):
+            if usable[i]:
+                total += floors[i]
+                rows += np.float32(1.0)
+        floor = max(total / rows, np.float32(_FLOOR) * highest[k])
         scale = np.float32(1.0) / floor if floor > 0.0 else np.float32(0.0)
         for c in range(n):
             out[k, c] *= scale

@@ -3,7 +3,7 @@
 The metadata names the files of each precision with their SHA-256, so that weights and the threshold that was
 calibrated for them cannot drift apart:
 
-    {"name": "saranga", "threshold": 0.6, "edge_offset_m": 0.001,
+    {"name": "saranga", "threshold": 0.6, "edge_offset_m": 0.001, "input": "tracks-2",
      "files": {"fp32": {"file": "saranga.onnx", "sha256": "..."}, "int8": {...}, "tflite": {...}}, ...}
 """
 
@@ -19,7 +19,10 @@ from saranga.fixtures import fixture_path
 
 @dataclass(frozen=True)
 class ModelFile:
-    """Weights of one precision and what the denoiser must know about them."""
+    """Weights of one precision and what the denoiser must know about them.
+
+    `made_from` is the input it was trained on (`saranga.input_kinds.MADE`), empty where the metadata does not say.
+    """
 
     name: str
     precision: str
@@ -27,6 +30,7 @@ class ModelFile:
     sha256: str
     threshold: float
     edge_offset_m: float
+    made_from: str = ""
 
     def read(self) -> bytes:
         """The weights.
@@ -69,7 +73,8 @@ def model_file(weights: str, precision: str) -> ModelFile:
     return ModelFile(
         name=_entry(metadata, "name", str, path), precision=precision, path=path.parent / file, sha256=sha256,
         threshold=_number(metadata, "threshold", 0.0, 1.0, path),
-        edge_offset_m=_number(metadata, "edge_offset_m", -0.5, 0.5, path))
+        edge_offset_m=_number(metadata, "edge_offset_m", -0.5, 0.5, path),
+        made_from=_entry(metadata, "input", str, path) if "input" in metadata else "")
 
 
 def weights_sha256(denoiser: str, weights: str = "saranga") -> str | None:

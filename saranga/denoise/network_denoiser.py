@@ -21,7 +21,7 @@ from saranga.denoise.peaks import put_peak
 from saranga.denoise.pulse import blank_columns
 from saranga.echo import HISTORY_ROWS, RANGE_COLUMNS, EchoImage
 from saranga.errors import DeviceError, UsageError
-from saranga.input_kinds import SHAPES, NetworkInput, input_kind, network_input
+from saranga.input_kinds import MADE, SHAPES, NetworkInput, input_kind, network_input
 
 IMAGE_SHAPE = (HISTORY_ROWS, RANGE_COLUMNS)
 OUTPUT_SHAPES = ((1, RANGE_COLUMNS), (1, HISTORY_ROWS, RANGE_COLUMNS))
@@ -64,13 +64,18 @@ class NetworkDenoiser:
             ring_down_m: there is no edge nearer.
 
         Raises:
-            UsageError: input or output of another shape, output that is not finite or not within 0..1.
+            UsageError: input or output of another shape, weights trained on another input than `input_kinds.MADE`,
+                output that is not finite or not within 0..1.
             ValueError: `ring_down_m`.
         """
         kind = input_kind(tuple(shape))
         if kind is None:
             raise UsageError(f"weights {weights.path}: the input is {tuple(shape)}; expected "
                              f"{' or '.join(f'{own} ({kind})' for kind, own in SHAPES.items())}")
+        if weights.made_from != MADE[kind] and (weights.made_from or kind == "tracks"):
+            raise UsageError(f"weights {weights.path}: trained on input {weights.made_from or 'tracks-1'!r}, this "
+                             f"version makes {MADE[kind]!r}: their edges would be wrong; train and publish the network "
+                             "anew (python -m saranga train, publish)")
         self.name = name
         self.runtime = runtime
         self.threshold = weights.threshold

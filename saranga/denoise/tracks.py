@@ -1,30 +1,25 @@
-"""Maximum over quadratic range tracks, in two steps: straight pieces within blocks of rows, then chains of pieces.
+"""Track-before-detect's tracks one by one: the highest of `track_sums`, refined, erased, and again.
 
-A track is the column of an echo as a function of age k in rows (0 newest): c(k) = c0 + v k + a k^2 / 2, v > 0 closing.
-Its score is the sum of log-likelihoods along it, over the newest 1, 2, 3 or all 4 blocks, whichever is highest (an
-obstacle that appeared late has no history), less a^2 / (2 ACCEL_SIGMA^2).
-
-The highest track is refined to hundredths of a column, its evidence erased, and the search repeated.
-
-Pieces are summed once per (block, slope, column) and shared by all tracks through them: 0.4 M additions instead of
-5.6 M.
+Refined to hundredths of a column on the evidence itself. A track counts if it stands without its loudest row and is
+still there in the newest rows: an obstacle that appeared late has no history, one that has gone only that.
 """
 
 import numpy as np
 from numba import njit
 
-STEP = 2
-"""Columns between the cells of the search."""
-BLOCK = 8
-"""Rows of a straight piece: at 1.5 m/s2 it bends by 1.2 columns."""
-SLOPE_STEP = 0.5
-SPEED_STEP = 0.25
-ACCEL_STEP = 0.1
-SPEED_MIN, SPEED_MAX = -4.0, 19.75
-"""Columns a row: -0.5 .. 2.5 m/s at 25.6 ms a row."""
-ACCEL_MAX = 0.3
-"""Columns a row^2: 1.5 m/s2."""
-ACCEL_SIGMA = 0.15
+from saranga.denoise.track_sums import (
+    ACCEL_SIGMA,
+    BLOCK,
+    BLOCKS,
+    SPEED_BINS,
+    UNIT,
+    best_tracks,
+    nearest,
+    pieces,
+    scratch_arrays,
+    track_at,
+)
+
 FADED = 0.3
 """A track whose power in the newest block is under this share of its mean is of an obstacle that has gone."""
 ERASE_SIGMAS = 2.5
@@ -32,100 +27,6 @@ ERASE_SIGMAS = 2.5
 SIDELOBE_REACH = 24.0
 SIDELOBE = 0.05
 """Share of a strong echo's power, and columns about it, within which the filter's sidelobes are no other echo."""
-_SLOPE_MIN = SPEED_MIN - ACCEL_MAX * 30.0
-_SLOPES = int((SPEED_MAX + 30.0 * ACCEL_MAX - _SLOPE_MIN) / SLOPE_STEP) + 1
-_SPEEDS = round((SPEED_MAX - SPEED_MIN) / SPEED_STEP) + 1
-_ACCELS = 2 * round(ACCEL_MAX / ACCEL_STEP) + 1
-
-
-@njit(cache=True)
-def _round(x):  # type: ignore[no-untyped-def]
-    return int(np.floor(x + 0.5))
-
-
-@njit(cache=True)
-def add_shifted(total, row, shift):  # type: ignore[no-untyped-def]
-    """total[c] += row[c + shift] where that exists."""
-    n = total.size
-    first = max(0, -shift)
-    last = min(n, n - shift)
-    if last <= first:
-        return
-    to = total[first:last]
-    of = row[first + shift:last + shift]
-    for i in range(to.size):
-        to[i] += of[i]
-
-
-@njit(cache=True)
-def pieces(evidence):  # type: ignore[no-untyped-def]
-    """(M / BLOCK, slopes, cells): sums along straight pieces, by column at the middle of the block; block 0 newest."""
-    m, n = evidence.shape
-    blocks = m // BLOCK
-    out = np.zeros((blocks, _SLOPES, n), dtype=np.float32)
-    for b in range(blocks):
-        # the tracks that reach this block with this slope: |slope - v| <= ACCEL_MAX * age of the middle
-        slack = ACCEL_MAX * (b * BLOCK + 0.5 * (BLOCK - 1)) + SLOPE_STEP
-        for s in range(_SLOPES):
-            slope = _SLOPE_MIN + s * SLOPE_STEP
-            if slope < SPEED_MIN - slack or slope > SPEED_MAX + slack:
-                continue
-            for i in range(BLOCK):
-                shift = _round(slope * (i - 0.5 * (BLOCK - 1)) / STEP)
-                add_shifted(out[b, s], evidence[m - 1 - b * BLOCK - i], shift)
-    return out
-
-
-@njit(cache=True)
-def search(piece):  # type: ignore[no-untyped-def]
-    """(cells,) highest track score that ends at each cell of the newest row."""
-    blocks, _, n = piece.shape
-    best = np.full(n, np.float32(-1e9))
-    total = np.zeros(n, dtype=np.float32)
-    for ia in range(_ACCELS):
-        a = (ia - _ACCELS // 2) * ACCEL_STEP
-        penalty = np.float32(0.5 * (a / ACCEL_SIGMA) ** 2)
-        for iv in range(_SPEEDS):
-            v = SPEED_MIN + iv * SPEED_STEP
-            total[:] = -penalty
-            for b in range(blocks):
-                shift, s = _link(v, a, b)
-                add_shifted(total, piece[b, s], shift)
-                for c in range(n):
-                    best[c] = total[c] if total[c] > best[c] else best[c]
-    return best
-
-
-@njit(cache=True)
-def _link(v, a, b):  # type: ignore[no-untyped-def]
-    """Cell shift from the newest row to the middle of block b, and the slope there."""
-    age = b * BLOCK + 0.5 * (BLOCK - 1)
-    # the mean of a k^2 / 2 over the block's rows lies (BLOCK^2 - 1) / 24 a above its value at the middle
-    shift = _round((v * age + 0.5 * a * (age * age + (BLOCK * BLOCK - 1) / 12.0)) / STEP)
-    return shift, _round((v + a * age - _SLOPE_MIN) / SLOPE_STEP)
-
-
-@njit(cache=True)
-def track_at(piece, cell):  # type: ignore[no-untyped-def]
-    """(v, a, blocks used) of the highest track that ends at `cell`."""
-    blocks, _, n = piece.shape
-    best = -1e9
-    found_v = 0.0
-    found_a = 0.0
-    used = 1
-    for ia in range(_ACCELS):
-        a = (ia - _ACCELS // 2) * ACCEL_STEP
-        for iv in range(_SPEEDS):
-            v = SPEED_MIN + iv * SPEED_STEP
-            total = -0.5 * (a / ACCEL_SIGMA) ** 2
-            for b in range(blocks):
-                shift, s = _link(v, a, b)
-                if 0 <= cell + shift < n:
-                    total += piece[b, s, cell + shift]
-                if total > best:
-                    best = total
-                    found_v, found_a, used = v, a, b + 1
-    return found_v, found_a, used
 
 
 @njit(cache=True)
@@ -212,7 +113,7 @@ def is_sound(evidence, power, c0, v, a, rows, lowest):  # type: ignore[no-untype
     newest_power = all_power = 0.0
     newest_rows = all_rows = 0
     for k in range(rows):
-        c = _round(c0 + v * k + 0.5 * a * k * k)
+        c = nearest(c0 + v * k + 0.5 * a * k * k)
         if not 0 <= c < n or power[m - 1 - k, c] == 0.0:
             continue
         here = evidence[m - 1 - k, c]
@@ -229,25 +130,24 @@ def is_sound(evidence, power, c0, v, a, rows, lowest):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def erase(evidence, step, power, c0, v, a, near):  # type: ignore[no-untyped-def]
+def erase(evidence, power, c0, v, a, near):  # type: ignore[no-untyped-def]
     """Take the evidence of a found track away, so that nothing else is built from it.
 
     All of it within `near` columns; within SIDELOBE_REACH what is under SIDELOBE times the row's power on the track.
-    `evidence` has a cell every `step` columns.
     """
     m, n = evidence.shape
     for k in range(m):
         middle = c0 + v * k + 0.5 * a * k * k
         row = m - 1 - k
-        if not -SIDELOBE_REACH < middle < n * step + SIDELOBE_REACH:
+        if not -SIDELOBE_REACH < middle < n + SIDELOBE_REACH:
             continue
         limit = np.float32(0.0)
-        for c in range(max(0, int(middle) - 2), min(power.shape[1], int(middle) + 4)):
+        for c in range(max(0, int(middle) - 2), min(n, int(middle) + 4)):
             limit = max(limit, np.float32(SIDELOBE) * power[row, c])
-        first = max(0, int(np.floor((middle - SIDELOBE_REACH) / step)))
-        last = min(n - 1, int(np.ceil((middle + SIDELOBE_REACH) / step)))
+        first = max(0, int(np.floor(middle - SIDELOBE_REACH)))
+        last = min(n - 1, int(np.ceil(middle + SIDELOBE_REACH)))
         for c in range(first, last + 1):
-            if abs(c * step - middle) <= near or power[row, c * step] < limit:
+            if abs(c - middle) <= near or power[row, c] < limit:
                 evidence[row, c] = min(evidence[row, c], np.float32(0.0))
 
 
@@ -257,7 +157,7 @@ def _amplitude_field(power, c0, v, a, rows):  # type: ignore[no-untyped-def]
     m, n = power.shape
     total = 0.0
     for k in range(rows):
-        c = _round(c0 + v * k + 0.5 * a * k * k)
+        c = nearest(c0 + v * k + 0.5 * a * k * k)
         if 0 <= c < n:
             total += power[m - 1 - k, c]
     strength = np.float32(max(total / rows - 1.0, 0.25))
@@ -273,6 +173,12 @@ def _taken(found, count, column, apart):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _highest(best):  # type: ignore[no-untyped-def]
+    at = np.argmax(best)
+    return at % best.shape[2], best.reshape(-1)[at]
+
+
+@njit(cache=True)
 def find(evidence, power, sigma, most, lowest):  # type: ignore[no-untyped-def]
     """Tracks by falling score.
 
@@ -285,24 +191,25 @@ def find(evidence, power, sigma, most, lowest):  # type: ignore[no-untyped-def]
     Returns:
         (k, 2): column at the newest row, score.
     """
-    coarse = evidence[:, ::STEP].copy()
+    n = evidence.shape[1]
+    stored, sums = scratch_arrays(n)
+    best = np.empty((BLOCKS, SPEED_BINS, n), dtype=np.int16)
     near = ERASE_SIGMAS * sigma
     found = np.empty((most, 2))
     count = 0
     for _ in range(most):
-        piece = pieces(coarse)
-        best = search(piece)
-        cell = np.argmax(best)
-        if best[cell] < lowest:
+        pieces(evidence, stored, sums)
+        best_tracks(sums, best)
+        column, highest = _highest(best)
+        if highest * UNIT < lowest:
             break
-        v, a, used = track_at(piece, cell)
+        v, a, used = track_at(sums, column)
         rows = used * BLOCK
-        c0, v, a = climb(evidence, float(cell * STEP), v, a, rows)
+        c0, v, a = climb(evidence, float(column), v, a, rows)
         c0, v, a = polish(_amplitude_field(power, c0, v, a, rows), c0, v, a, rows)
         if is_sound(evidence, power, c0, v, a, rows, 0.5 * lowest) and not _taken(found, count, c0, near):
             found[count, 0] = c0
-            found[count, 1] = best[cell]
+            found[count, 1] = highest * UNIT
             count += 1
-        erase(coarse, STEP, power, c0, v, a, near)
-        erase(evidence, 1, power, c0, v, a, near)
+        erase(evidence, power, c0, v, a, near)
     return found[:count]

@@ -11,6 +11,7 @@ from tiny_network import expected, onnx_bytes, track_onnx_bytes, write_model
 from saranga.denoise import load_denoiser
 from saranga.denoise.network_denoiser import EDGE_WEIGHT, EVIDENCE_REACH, HALF_EVIDENCE, _peaks
 from saranga.denoise.peaks import put_peak
+from saranga.input_kinds import MADE
 from saranga.localise import edges
 from saranga.network_input import normalised
 from saranga.quantise import calibration_inputs, quantised
@@ -131,7 +132,8 @@ def test_network_that_gives_the_whole_image(tmp_path: Path, model: str) -> None:
 def test_network_that_takes_the_track_map(tmp_path: Path, name: str) -> None:
     pytest.importorskip(PACKAGES[name])
     options = {} if name == "saranga-torch" else {"precision": "fp32"}
-    denoise = load_denoiser(name, weights=str(write_model(tmp_path, fp32=track_onnx_bytes())), **options)
+    model = write_model(tmp_path, {"input": MADE["tracks"]}, fp32=track_onnx_bytes())
+    denoise = load_denoiser(name, weights=str(model), **options)
     for seed, range_m in enumerate((0.4, 0.8, 1.2)):
         reflector = Reflector(range_m, closing_m_s=1.0)
         found, _ = edges(denoise(image([reflector], 5.0, np.random.default_rng(seed))), 0.2)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tiny_network import onnx_bytes, write_model
+from tiny_network import onnx_bytes, track_onnx_bytes, write_model
 
 from saranga.denoise import denoiser_names, load_denoiser
 from saranga.denoise.model_file import weights_sha256
@@ -113,6 +113,14 @@ def test_weights_of_another_shape(tmp_path: Path, name: str, package: str) -> No
     path = write_model(tmp_path, fp32=onnx_bytes(rows=16))
     with pytest.raises(UsageError, match=r"the input is \(1, 1, 16, 512\); expected .*\(1, 1, 32, 512\) .envelope"):
         _load(name, path)
+
+
+@pytest.mark.parametrize("changes", [{}, {"input": "tracks-1"}, {"input": "envelope-1"}])
+def test_weights_trained_on_another_making_of_the_input(tmp_path: Path, changes: dict[str, Any]) -> None:
+    pytest.importorskip("onnxruntime")
+    old = write_model(tmp_path, changes, fp32=track_onnx_bytes())
+    with pytest.raises(UsageError, match=r"trained on input .*this version makes 'tracks-2'.*publish"):
+        _load("saranga-onnx", old)
 
 
 @pytest.mark.parametrize(("name", "package"), RUNTIMES)
