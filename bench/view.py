@@ -5,7 +5,6 @@ ended as a whole, with its settings in a temporary folder: the user's are not to
 """
 
 import contextlib
-import ctypes
 import importlib.util
 import json
 import os
@@ -25,6 +24,7 @@ from urllib.parse import quote
 
 from bench.blueprint import TIMELINE
 from saranga.errors import DeviceError, UsageError
+from sitl.process import die_with_parent
 from sitl.trial_types import FlightLog, TrialResult
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ PICTURE_SETTLE_S = 8.0
 VULKAN_HINT = "install a software renderer: apt-get install mesa-vulkan-drivers"
 # What the viewer dies with where Vulkan is missing: without any driver, and with an OpenGL one alone.
 _NO_GRAPHICS = ("No graphics adapter", "Failed to get render context")
-_PR_SET_PDEATHSIG = 1
 
 
 class Viewer:
@@ -65,7 +64,7 @@ class Viewer:
                 self.process = subprocess.Popen(
                     [*command, *(str(p.resolve()) for p in recordings)], env=_environment(self._home),
                     stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True,
-                    preexec_fn=_die_with_parent if sys.platform == "linux" else None)
+                    preexec_fn=die_with_parent)
         except OSError as error:
             shutil.rmtree(self._home, ignore_errors=True)
             raise DeviceError(f"the Rerun viewer cannot be started: {error}; reinstall rerun-sdk") from error
@@ -298,8 +297,3 @@ def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])
-
-
-def _die_with_parent() -> None:
-    """Linux: the viewer ends when this process does, killed or not."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -124,7 +124,7 @@ class TrialRequest:
     seed: int = 1
     autopilot: str = "embedded"
     stack: str = "saranga"
-    denoiser: str = "tbd"
+    denoiser: str = "saranga"
     shield: str = "foam"
     sonar: str = "pair"
     faults: Faults | None = None

@@ -6,7 +6,6 @@
 """
 
 import contextlib
-import ctypes
 import json
 import os
 import select
@@ -15,6 +14,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
@@ -23,6 +23,7 @@ from bench.emulated import SCHEME, is_emulated
 from bench.procedures.plan import Condition, NoisePlan
 from saranga.errors import DeviceError, UsageError
 from saranga.plugins import nearest_hint
+from sitl.process import die_with_parent
 
 if TYPE_CHECKING:
     from bench.rig.emulator import EmulatedDevice
@@ -34,7 +35,6 @@ DEFAULT_PROPELLER = "d3"
 DEFAULT_MOUNTING_SD_DB = 0.3
 """How much two mountings of one shield differ on the emulated bench; an assumption, of the size of a careful one."""
 KEYS = ("propeller", "sonar", "seed", "mounting_sd_db", "shield", "fault")
-_PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class EmulatedProcess:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
             env={**os.environ, "PYTHONPATH": path},
-            preexec_fn=_die_with_parent if sys.platform == "linux" else None)
+            preexec_fn=partial(die_with_parent, signal.SIGTERM))
         self._pending: dict[int, bytes] = {}
         self.given: dict[str, Any] = {}
         try:
@@ -209,8 +209,3 @@ def _value(url: str, key: str, text: str) -> str | int | float:
         return kind(text)
     except ValueError:
         raise UsageError(f"{url!r}: {key} = {text!r} is not a number") from None
-
-
-def _die_with_parent() -> None:
-    """Linux: it ends when this process does, killed or not."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
