@@ -13,7 +13,8 @@ from saranga.denoise import likelihood, tracks
 from saranga.denoise.base import Denoiser
 from saranga.denoise.peaks import put_peak
 from saranga.denoise.pulse import BANDWIDTH_HZ, RING_DOWN_M, blank_columns, pulse
-from saranga.echo import EchoImage
+from saranga.echo import HISTORY_ROWS, EchoImage
+from saranga.errors import UsageError
 
 NAME = "tbd"
 
@@ -36,8 +37,14 @@ class TrackBeforeDetect:
         self._table = likelihood.log_likelihood_table(likelihood.DESIGN_AMPLITUDE)
 
     def __call__(self, image: EchoImage) -> NDArray[np.float32]:
-        """Edge strengths (N,) of the newest row."""
+        """Edge strengths (N,) of the newest row.
+
+        Raises:
+            UsageError: an image that has not HISTORY_ROWS rows.
+        """
         iq = image.iq
+        if iq.shape[0] != HISTORY_ROWS:
+            raise UsageError(f"denoiser {self.name!r} takes images of {HISTORY_ROWS} rows, this one is {iq.shape}")
         out = np.zeros(iq.shape[1], dtype=np.float32)
         usable = likelihood.usable_rows(iq, image.rows)
         if not usable.any():

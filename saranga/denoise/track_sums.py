@@ -4,10 +4,10 @@ A track is the column of an echo as a function of age k in rows (0 newest): c(k)
 Its score over the newest 1, 2, 3 or 4 blocks of rows is the sum of log-likelihoods along it, less the price of
 acceleration a^2 / (2 ACCEL_SIGMA^2).
 
-Straight pieces within blocks are summed once per (block, slope, column) and shared by all tracks through them: 2
+Straight pieces within blocks are summed once per (block, slope, column) and shared by all tracks through them: 6
 million additions instead of 28. They are of 16-bit integers, in units of UNIT, of which a vector register holds twice
 as many as of floats. How fine the grid is decides what is found at 0 dB: with every second column, speeds of 0.25 and
-accelerations of 0.1 columns a row the sums lose half a decibel.
+accelerations of 0.1 columns a row it is 6 of 100 obstacles less.
 """
 
 import numpy as np

@@ -8,6 +8,7 @@ from synthetic_images import Reflector, SyntheticImage, draw_reflector, echoes, 
 
 from saranga.denoise import load_denoiser
 from saranga.denoise.likelihood import TAP_STEP, TAPS, log_likelihood_table, usable_rows, whitened_taps
+from saranga.errors import UsageError
 from saranga.localise import edges, localise
 from saranga.resample import COLUMN_M
 from saranga.sonar_geometry import load_sonar
@@ -155,3 +156,10 @@ def test_filter_is_matched_in_white_noise_and_whitens_coloured_noise() -> None:
         taps = whitened_taps(iq, usable_rows(iq, 32), 3.52, 42)
         assert gain_db(taps, sample) >= gain_db(best, sample) - 0.15
         assert gain_db(taps, sample) >= max(gain_db(pulse_at, sample), gain_db(impulse, sample)) - 0.15
+
+
+@pytest.mark.parametrize("rows", [16, 64])
+def test_image_of_another_history_is_refused(rows: int) -> None:
+    picture = SyntheticImage(np.ones((rows, 512), dtype=np.complex64))
+    with pytest.raises(UsageError, match=rf"images of 32 rows, this one is \({rows}, 512\)"):
+        load_denoiser("tbd")(picture)
