@@ -12,6 +12,8 @@ from bench.drawing import DrawnScene, drawn_scene, kind_colour, outcome_colour
 
 ROW_PX = 34.0
 MAP_WIDTH = 300.0
+NAME_PX = 19.0
+"""Between rows that stand side by side because their traversability is the same."""
 DASHES = {"clean": "", "net_hit": "7 4", "obstacle_hit": "2 3"}
 """Outcomes differ by the line as well as by colour."""
 
@@ -56,53 +58,37 @@ def against_traversability(rows: list[dict[str, Any]]) -> str:
     known = [r for r in rows if r["traversability"] and r["strict"]["rate"] is not None]
     if len(known) < 2:
         return ""
-    left, top, width, height = 60.0, 14.0, 1000.0, 330.0
-    most = max(r["traversability"]["mean"] for r in known) * 1.1
+    left, top, width, height = 60.0, 96.0, 1000.0, 410.0
+    values = [float(r["traversability"]["mean"]) for r in known]
+    least, most = 0.9 * min(values), 1.02 * max(values)
 
     def x(value: float) -> float:
-        return left + value / most * (width - left - 120.0)
+        return left + (value - least) / (most - least) * (width - left - 70.0)
 
     def y(rate: float) -> float:
         return top + (1.0 - rate) * (height - top - 50.0)
 
     out = [f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="success against traversability">']
     for percent in range(0, 101, 25):
-        out.append(f'<line x1="{left}" x2="{width - 120:.0f}" y1="{y(percent / 100):.1f}" y2="{y(percent / 100):.1f}" '
+        out.append(f'<line x1="{left}" x2="{width - 70:.0f}" y1="{y(percent / 100):.1f}" y2="{y(percent / 100):.1f}" '
                    f'class="grid"/><text x="{left - 8}" y="{y(percent / 100) + 4:.1f}" text-anchor="end" '
                    f'class="tick">{percent} %</text>')
-    for value in range(0, int(most) + 1, 5):
+    for value in range(math.ceil(least), int(most) + 1, max(1, round((most - least) / 8.0))):
         out.append(f'<text x="{x(value):.1f}" y="{height - 28:.0f}" text-anchor="middle" class="tick">{value}</text>')
     out.append(f'<text x="{left}" y="{height - 6:.0f}" class="tick">traversability: mean free distance over the '
                "vehicle's size; further right is emptier</text>")
-    places: list[float] = []
-    ordered = sorted(known, key=lambda r: (round(r["traversability"]["mean"]), -r["strict"]["rate"]))
-    for row in ordered:  # rows of one traversability stand side by side, their names beside the last of them
-        places.append(max(x(row["traversability"]["mean"]), places[-1] + 11.0 if places else -math.inf))
-    taken: list[tuple[float, float]] = []
-    for k, (row, at) in enumerate(zip(ordered, places, strict=True)):
+    at = -math.inf
+    for row in sorted(known, key=lambda r: float(r["traversability"]["mean"])):
+        at = max(x(row["traversability"]["mean"]), at + NAME_PX)  # names would cover each other any nearer
         rate = row["strict"]
         low, high = rate["interval"]
-        beside = k
-        while beside + 1 < len(places) and places[beside + 1] - places[beside] < 11.5:
-            beside += 1
-        label, dot = places[beside] + 10.0, y(rate["rate"])
-        text = _free_place(taken, label, dot + 4, top + 10, height - 56)
-        taken.append((label, text))
-        if beside != k or abs(text - dot - 4) > 1:
-            out.append(f'<line x1="{at:.1f}" y1="{dot:.1f}" x2="{label - 1:.1f}" y2="{text - 4:.1f}" class="grid"/>')
-        out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(low):.1f}" y2="{y(high):.1f}" class="strict-line"/>'
-                   f'<circle cx="{at:.1f}" cy="{dot:.1f}" r="5.5" class="strict-dot"/>'
-                   f'<text x="{label:.1f}" y="{text:.1f}">{escape(row["name"])}</text>')
+        out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{top - 6:.0f}" y2="{y(high):.1f}" class="grid"/>'
+                   f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(low):.1f}" y2="{y(high):.1f}" class="strict-line"/>'
+                   f'<circle cx="{at:.1f}" cy="{y(rate["rate"]):.1f}" r="5.5" class="strict-dot">'
+                   f'<title>{escape(row["name"])}: {row["traversability"]["mean"]:.1f}, {100 * rate["rate"]:.0f} %'
+                   f'</title></circle><text transform="translate({at + 3:.1f} {top - 10:.0f}) rotate(-50)">'
+                   f'{escape(row["name"])}</text>')
     return "".join([*out, "</svg>"])
-
-
-def _free_place(taken: list[tuple[float, float]], at: float, wanted: float, top: float, bottom: float) -> float:
-    """Height for a label at `at` that covers none of those `taken`: as near to `wanted` as there is room."""
-    for step in range(60):
-        text = wanted + 14.0 * ((step + 1) // 2) * (-1 if step % 2 else 1)
-        if top <= text <= bottom and not any(abs(at - a) < 130 and abs(text - b) < 14 for a, b in taken):
-            return text
-    return wanted
 
 
 def flight_map(folder: Path, outcome: dict[str, Any]) -> str:
