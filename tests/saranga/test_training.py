@@ -163,11 +163,16 @@ def test_bad_options_are_one_clear_error(arguments: list[str], words: str, tmp_p
     assert words in message and message.count("\n") == 1
 
 
+def _heed_ctrl_c() -> None:
+    """A shell that runs the tests in the background has it ignored, and so would every child."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.wall_time
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_leaves_a_checkpoint(number: signal.Signals, tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-m", "saranga", "train", "--out", str(tmp_path), "--threads", "1"],
-                               stderr=subprocess.PIPE, text=True, start_new_session=True)
+                               stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=_heed_ctrl_c)
     try:
         assert process.stderr is not None
         for line in process.stderr:
