@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from saranga.denoise.likelihood import REACH, TAP_STEP, has_phase, usable_rows, whitened_taps
+from saranga.denoise.likelihood import REACH, filter_row, has_phase, usable_rows, whitened_taps
 
 ROWS = 16
 """Newest rows that count, 0.41 s: over longer histories the track is no parabola and the disparity no straight line."""
@@ -85,14 +85,8 @@ def _whitened(iq, usable, taps, blank):  # type: ignore[no-untyped-def]
         for c in range(blank, n):
             re[c + REACH] = row[c].real
             im[c + REACH] = row[c].imag
-        sum_re[:] = 0.0
-        sum_im[:] = 0.0
-        for t in range(taps.size):
-            w = taps[t]
-            at = t * TAP_STEP
-            for c in range(n):
-                sum_re[c] += w * re[c + at]
-                sum_im[c] += w * im[c + at]
+        filter_row(re, taps, sum_re)
+        filter_row(im, taps, sum_im)
         for c in range(n):
             out[k, c] = complex(sum_re[c], sum_im[c])
     return out

@@ -81,15 +81,14 @@ def whitened_taps(iq, usable, pulse_sigma, blank):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _filter(x, taps, out):  # type: ignore[no-untyped-def]
-    """out[c] = sum of taps[t] x[c + t TAP_STEP], all taps in one pass."""
-    w0, w1, w2, w3, w4, w5, w6, w7, w8, w9, w10, w11, w12 = (
-        taps[0], taps[1], taps[2], taps[3], taps[4], taps[5], taps[6], taps[7], taps[8], taps[9], taps[10], taps[11],
-        taps[12])
-    for c in range(out.size):
-        out[c] = (w0 * x[c] + w1 * x[c + 2] + w2 * x[c + 4] + w3 * x[c + 6] + w4 * x[c + 8] + w5 * x[c + 10]
-                  + w6 * x[c + 12] + w7 * x[c + 14] + w8 * x[c + 16] + w9 * x[c + 18] + w10 * x[c + 20]
-                  + w11 * x[c + 22] + w12 * x[c + 24])
+def filter_row(x, taps, out):  # type: ignore[no-untyped-def]
+    """out[c] = sum of taps[t] x[c + t TAP_STEP]; x reaches REACH columns over both ends of out."""
+    out[:] = 0.0
+    for t in range(taps.size):
+        w = taps[t]
+        at = t * TAP_STEP
+        for c in range(out.size):
+            out[c] += w * x[c + at]
 
 
 @njit(cache=True)
@@ -110,8 +109,8 @@ def filtered_power(iq, usable, taps, blank):  # type: ignore[no-untyped-def]
             keep = c >= blank
             re[c + REACH] = iq[k, c].real if keep else np.float32(0.0)
             im[c + REACH] = iq[k, c].imag if keep else np.float32(0.0)
-        _filter(re, taps, fr)
-        _filter(im, taps, fi)
+        filter_row(re, taps, fr)
+        filter_row(im, taps, fi)
         for c in range(n):
             out[k, c] = fr[c] * fr[c] + fi[c] * fi[c]
             highest[k] = max(highest[k], out[k, c])

@@ -178,6 +178,7 @@ def test_energy_counters_are_summed_and_followed_when_they_wrap(tmp_path: Path) 
         load_power("rapl", path=tmp_path)
 
 
+@pytest.mark.wall_time
 def test_energy_an_inference_is_over_the_idle_power() -> None:
     """A load of 10 W above 5 W idle, of which a call takes 20 ms."""
     from time import perf_counter, sleep
@@ -198,5 +199,5 @@ def test_energy_an_inference_is_over_the_idle_power() -> None:
 
     idle_w = idle_power_w(meter, 0.05)
     found = energy_of(call, meter, idle_w, 0.3)
-    assert idle_w == pytest.approx(5.0, rel=0.01) and found.calls >= 1
+    assert idle_w == pytest.approx(5.0, rel=0.01) and found.calls >= 10
     assert found.net_mj == pytest.approx(10.0 * 20, rel=0.2) and found.gross_mj == pytest.approx(15.0 * 20, rel=0.2)
