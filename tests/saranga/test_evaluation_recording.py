@@ -232,6 +232,8 @@ def test_real_flights(name: str, range_m: float | None, frames: int, tbd_hits: f
                           agreed.ring_down_m)["tbd"]
     assert tbd.frames == agreed.frames == frames
     if range_m is None:
-        assert abs(agreed.peak_over_noise_db) < 1.0 and tbd.hits == 0 and tbd.false_alarms_per_frame <= 0.05
+        # Nothing stands out of the noise: 0.022 false edges in each of three windows are expected, 3 in 49 frames,
+        # and more than 7 in one file of a hundred.
+        assert abs(agreed.peak_over_noise_db) < 1.0 and tbd.hits == 0 and tbd.false_alarms_per_frame <= 7 / 49
     else:
         assert agreed.range_m == pytest.approx(range_m, abs=0.014) and tbd.hit_rate >= (tbd_hits or 0)
