@@ -14,6 +14,7 @@ from bench.flight_summary import METRIC_UNITS, limit_to_dict, summarise, trial_v
 from bench.interrupt import Interrupts
 from bench.journal import FILE_NAME, Journal, open_journal, read_journal
 from bench.provenance import git_state, sha256_of, versions
+from bench.spare import stack_threads
 from bench.step_summary import publish_step_summary
 from bench.store import Run, Store, write_json
 from bench.terminal import Reporter
@@ -138,11 +139,12 @@ def _fly_all(plan: FlyPlan, run: Run, journal: Journal, reporter: Reporter, inte
     if is_cold():
         reporter.note("compiling kernels, about half a minute: once after an installation or a change of the sources")
     runner = plan.runner or find_runner(plan.live)
+    threads = stack_threads()
     for seed in plan.seeds:
         if interrupts.asked():
             break
         reporter.begin(seed)
-        request = replace(plan.request, seed=seed, workdir=run.folder / f"autopilot-{seed}")
+        request = replace(plan.request, seed=seed, workdir=run.folder / f"autopilot-{seed}", stack_threads=threads)
         assert request.workdir is not None
         request.workdir.mkdir()
         result = runner(request, reporter.progress, interrupts.asked)

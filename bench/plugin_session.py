@@ -1,5 +1,6 @@
 """What the plugin's fixtures do: fly into one run folder, journal every flight, hold results to limits."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from bench.flight_summary import METRIC_UNITS, trial_verdict
 from bench.fly import close_run, find_runner, input_hashes, keep_flight
 from bench.journal import FILE_NAME, Journal
 from bench.provenance import git_state, versions
+from bench.spare import stack_threads
 from bench.store import Run, Store, runs_root
 from bench.verdict import Check, Limit, Measurement, Verdict, check, check_rate, find_limits, load_limits, worst
 from saranga.errors import UsageError
@@ -41,7 +43,9 @@ class BenchSession:
         journal = self.journal(nodeid)
         assert self.run is not None
         self._flights += 1
-        request = replace(request, workdir=self.run.folder / f"autopilot-{request.seed}-{self._flights}")
+        beside = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+        request = replace(request, workdir=self.run.folder / f"autopilot-{request.seed}-{self._flights}",
+                          stack_threads=stack_threads(beside))
         assert request.workdir is not None
         request.workdir.mkdir()
         journal.append("request", test=nodeid, request=request.to_dict(), sha256=input_hashes(request))

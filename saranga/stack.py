@@ -17,6 +17,7 @@ from saranga.echo import EchoCycle, EchoFrame, EchoImage, SonarGeometry, sound_s
 from saranga.errors import UsageError
 from saranga.localise import DISPARITY_TOLERANCE, Obstacle, edges, localise, positions
 from saranga.navigate import EchoPolicy, Policy, VelocityCommand
+from saranga.side_by_side import SideBySide
 
 HOLD = VelocityCommand(0.0, 0.0, 0.0)
 # Ten echo cycles: shorter gaps are ordinary loss, longer ones fly blind for over 0.25 m at 1 m/s.
@@ -50,6 +51,8 @@ class Stack:
 
     Args:
         denoiser, policy: from `load_denoiser`, `load_policy`.
+        helpers: more of the same denoiser, each with a thread of its own: the sensors are shared out among them all.
+            The edges are the same with and without.
         geometry: the sonar rig; a "down" sensor in it makes the localisation 3-D.
         temperature_c: sets the speed of sound.
         disparity: what azimuth comes from. `envelope`: the cross-correlation of the echoes; `phase`: that and their
@@ -63,13 +66,14 @@ class Stack:
     """
 
     def __init__(self, denoiser: Denoiser, policy: Policy, geometry: SonarGeometry,
-                 temperature_c: float = 20.0, disparity: str = "auto") -> None:
+                 temperature_c: float = 20.0, disparity: str = "auto", helpers: Sequence[Denoiser] = ()) -> None:
         if disparity not in DISPARITIES:
             raise UsageError(f"unknown disparity {disparity!r}: known are {', '.join(DISPARITIES)}")
         if not isinstance(policy, EchoPolicy) and len(geometry.positions_m) < 2:
             raise UsageError(f"stack {policy.name!r} needs two sensors, sonar {geometry.name!r} has only "
                              f"{', '.join(geometry.roles)}: choose another with --sonar, such as pair")
         self.denoiser = denoiser
+        self._denoise = SideBySide([denoiser, *helpers])
         self.policy = policy
         self.geometry = geometry
         self.disparity = disparity
@@ -154,9 +158,7 @@ class Stack:
         """Edges and obstacles into `decision`; returns when it was done."""
         timing = decision.timing_ms
         paths: dict[str, NDArray[np.float64]] = {}
-        for role, image in self._images.items():
-            row = np.atleast_2d(self.denoiser(image))[-1]
-            decision.edges[role] = row
+        decision.edges = self._denoise(self._images)
         timing["denoise"], start = _lap(start)
         strength = np.zeros(0)
         for role, row in decision.edges.items():

@@ -11,6 +11,7 @@ from saranga.denoise import load_denoiser
 from saranga.denoise.model_file import weights_sha256
 from saranga.errors import DeviceError
 from saranga.navigate import EchoPolicy, Policy, VelocityCommand, load_policy
+from saranga.side_by_side import more_of
 from saranga.sources import InProcessSource
 from saranga.stack import Decision, Stack
 from saranga.vehicle import VehicleLink, version_text
@@ -77,7 +78,8 @@ class _Companion:
             policy = self._nan = kind(policy, faults.nan_policy_at_s)
         denoiser = load_denoiser(request.denoiser)
         self.runtime: str | None = getattr(denoiser, "runtime", None)
-        self.stack = Stack(denoiser, policy, world.geometry, world.scene.weather.temperature_c)
+        self.stack = Stack(denoiser, policy, world.geometry, world.scene.weather.temperature_c,
+                           helpers=more_of(request.denoiser, request.stack_threads))
         self.source = InProcessSource()
         self.source.feed(world.rig.hello())
         self.link = VehicleLink()

@@ -15,6 +15,7 @@ from multiprocessing import get_context, resource_tracker
 from typing import Any, Protocol
 
 from bench.campaign.flying import Flown, Task, fly_task, forget_scratch
+from bench.spare import stack_threads
 from saranga.errors import BenchError, DeviceError, UsageError
 
 RETRIES = 2
@@ -65,7 +66,8 @@ class LocalWorkers:
 
     def run(self, tasks: Sequence[Task], cancelled: Cancelled) -> Iterator[Done]:
         """See `Workers`."""
-        waiting = list(reversed(tasks))
+        threads = stack_threads(self.count)
+        waiting = [replace(task, request=replace(task.request, stack_threads=threads)) for task in reversed(tasks)]
         lost: dict[tuple[str, int], tuple[str, ...]] = {}
         slots = self._slots
         slots += [_one_process() for _ in range(min(self.count, len(tasks)) - len(slots))]
