@@ -37,8 +37,8 @@ def test_every_image_once_and_in_its_order(threads: int) -> None:
     denoisers = [Notes() for _ in range(threads)]
     rows = SideBySide(denoisers)(given)
     assert list(rows) == list(given)
-    for role, image in given.items():
-        assert np.array_equal(rows[role], np.abs(image.iq[-1]))
+    for role, seen in given.items():
+        assert np.array_equal(rows[role], np.abs(seen.iq[-1]))
     assert sum(len(denoiser.threads) for denoiser in denoisers) == 3
     own = {1: 3, 2: 2}.get(threads, 1)
     assert denoisers[0].threads == [threading.current_thread().name] * own
