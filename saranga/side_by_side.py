@@ -34,7 +34,7 @@ class SideBySide:
         self._denoisers = list(denoisers)
         self._pools = [ThreadPoolExecutor(1, thread_name_prefix="denoise") for _ in self._denoisers[1:]]
         for pool in self._pools:
-            pool.submit(int)  # its thread begins now: later the caller may have bound itself to one CPU, which is passed on
+            pool.submit(int)  # the thread begins now: a flight may bind the caller, and what it starts, to one CPU
 
     def __call__(self, images: Mapping[str, EchoImage]) -> Rows:
         """Edges (N,) by sensor role, in the order of `images`.
