@@ -21,14 +21,15 @@ Beyond the paper (all off with `paper=True`), because the sonar forgets what it 
   slows a vehicle at 2 m/s before it is too near to dodge;
 - quick: above 1 m/s the lateral command grows with the root of the speed, as there is less time for the same dodge;
 - ease: the forward speed rises by `ease_m_s2` at most, so that the echoes walk evenly enough to be summed;
+- return: with nothing to dodge and more than `return_m` off the course axis (dead reckoned), it drifts back at up to
+  `return_m_s`, so that dodges do not add up to a walk into the nets, which echo too little to be seen;
 - guard: more than `max_lateral_m` off the course axis (dead reckoned), an obstacle that is nearly dead ahead is passed
-  on the side of the axis, and one already to the side is passed without moving further out, for nets that echo too
-  little to be seen.
+  on the side of the axis, and one already to the side is passed without moving further out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from math import exp, hypot, isfinite, sqrt
+from math import copysign, exp, hypot, isfinite, sqrt
 
 from saranga.localise import Obstacle
 from saranga.navigate.base import VelocityCommand
@@ -68,6 +69,9 @@ class PotentialParameters:
         brake_m_s2: deceleration that is counted on in front of what blocks the way.
         stop_m: distance from the sensors at which it would stop.
         ease_m_s2: how fast the forward speed may rise.
+        return_m: distance off the course axis beyond which it drifts back while there is nothing to dodge.
+        return_m_s: highest speed of drifting back.
+        return_per_s: speed of drifting back for each metre beyond `return_m`.
         max_lateral_m: distance off the course axis beyond which only the way back is chosen.
     """
 
@@ -90,6 +94,9 @@ class PotentialParameters:
     brake_m_s2: float = 1.5
     stop_m: float = 0.35
     ease_m_s2: float = 0.7
+    return_m: float = 0.8
+    return_m_s: float = 0.2
+    return_per_s: float = 0.4
     max_lateral_m: float = 1.5
 
     def __post_init__(self) -> None:
@@ -159,6 +166,8 @@ class Potential:
         else:
             command = self._dodge(threat)
         if not p.paper:
+            if threat is None or threat.off_path_m >= p.delta_max_m:
+                command = self._return(command)
             command = self._keep_clear_alongside(command)
             most = max(self._command.vx_m_s, 0.0) + p.ease_m_s2 * since_s
             command = replace(command, vx_m_s=min(command.vx_m_s, most))
@@ -198,6 +207,14 @@ class Potential:
         if not p.paper:
             strength *= sqrt(max(1.0, p.desired_speed_m_s))
         return VelocityCommand(vx, p.k_y_m_s * lateral * strength, p.k_z_m_s * vertical * strength)
+
+    def _return(self, command: VelocityCommand) -> VelocityCommand:
+        """Back towards the course axis, for a command that is straight on."""
+        p = self.parameters
+        beyond_m = abs(self._lateral_m) - p.return_m
+        if beyond_m <= 0.0:
+            return command
+        return replace(command, vy_m_s=-copysign(min(p.return_m_s, p.return_per_s * beyond_m), self._lateral_m))
 
     def _is_homing(self) -> bool:
         limit = self.parameters.max_lateral_m

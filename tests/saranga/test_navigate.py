@@ -181,6 +181,28 @@ def test_guard_passes_an_obstacle_dead_ahead_on_the_side_of_the_axis_and_never_s
     assert command(beyond_the_guard(), at(0.8, 0.35), t_us=3_062_500).vy_m_s == 0.0
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_far_off_the_axis_it_drifts_back_while_there_is_nothing_to_dodge(side: float) -> None:
+    """0.8 m/s outwards for 1.5 s, then nothing: 1.2 m off the axis, back at 0.4/s (1.2 - 0.8) m, never beyond it."""
+    now_us = 24 * TICK_US
+
+    def out_there(**parameters: float | bool) -> Policy:
+        policy = load_policy("saranga", response_s=0.0, memory_s=0.0, **parameters)
+        for k in range(24):
+            assert command(policy, at(0.8, -0.2 * side), t_us=k * TICK_US).vy_m_s == pytest.approx(0.8 * side)
+        return policy
+
+    policy = out_there()
+    back = [side * command(policy, t_us=now_us + k * TICK_US).vy_m_s for k in range(200)]
+    assert back[0] == pytest.approx(-0.16) and back[-1] > -0.01
+    assert all(before <= after < 0.0 for before, after in pairwise(back))
+    assert side * command(out_there(return_m_s=0.1), t_us=now_us).vy_m_s == pytest.approx(-0.1)
+    assert command(out_there(return_m=1.5), t_us=now_us).vy_m_s == 0.0
+    assert side * command(out_there(), at(0.8, -0.3 * side), t_us=now_us).vy_m_s > 0.0
+    assert side * command(out_there(), at(0.8, -0.6 * side), t_us=now_us).vy_m_s < 0.0
+    assert command(out_there(), at(-0.1, -0.3 * side), t_us=now_us).vy_m_s == 0.0
+
+
 def test_reset_forgets() -> None:
     policy = load_policy("saranga")
     first = command(policy, at(0.8, 0.0), at(1.2, -0.7))
