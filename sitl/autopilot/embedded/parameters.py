@@ -33,15 +33,15 @@ class Definition:
 
 DEFINITIONS = (
     # Response to horizontal setpoints.
-    Definition("WPNAV_ACCEL", 250.0, 50.0, 980.0, REAL, "cm/s^2, horizontal acceleration limit"),
+    Definition("WPNAV_ACCEL", 500.0, 50.0, 980.0, REAL, "cm/s^2, horizontal acceleration limit"),
     Definition("WPNAV_SPEED", 1000.0, 10.0, 2000.0, REAL, "cm/s, speed limit towards a position"),
-    Definition("PSC_JERK_XY", 5.0, 1.0, 50.0, REAL, "m/s^3, horizontal jerk limit"),
+    Definition("PSC_JERK_XY", 15.0, 1.0, 50.0, REAL, "m/s^3, horizontal jerk limit"),
     Definition("PSC_POSXY_P", 1.0, 0.0, 5.0, REAL, "1/s"),
-    Definition("PSC_VELXY_P", 2.0, 0.1, 10.0, REAL, "1/s"),
-    Definition("PSC_VELXY_I", 1.0, 0.0, 5.0, REAL, "1/s^2"),
-    Definition("PSC_VELXY_D", 0.5, 0.0, 2.0, REAL, "velocity error derivative to acceleration"),
-    Definition("PSC_VELXY_FLTE", 5.0, 0.5, 100.0, REAL, "Hz, low-pass of the velocity error"),
-    Definition("PSC_VELXY_FLTD", 5.0, 0.5, 100.0, REAL, "Hz, low-pass of its derivative"),
+    Definition("PSC_VELXY_P", 4.0, 0.1, 10.0, REAL, "1/s"),
+    Definition("PSC_VELXY_I", 2.0, 0.0, 5.0, REAL, "1/s^2"),
+    Definition("PSC_VELXY_D", 0.25, 0.0, 2.0, REAL, "velocity error derivative to acceleration"),
+    Definition("PSC_VELXY_FLTE", 15.0, 0.5, 100.0, REAL, "Hz, low-pass of the velocity error"),
+    Definition("PSC_VELXY_FLTD", 15.0, 0.5, 100.0, REAL, "Hz, low-pass of its derivative"),
     Definition("PSC_VELXY_IMAX", 1000.0, 0.0, 4500.0, REAL, "cm/s^2, integrator limit"),
     # Vertical.
     Definition("WPNAV_SPEED_UP", 250.0, 10.0, 1000.0, REAL, "cm/s, climb limit"),
