@@ -38,7 +38,7 @@ DEFINITIONS = (
     Definition("PSC_JERK_XY", 15.0, 1.0, 50.0, REAL, "m/s^3, horizontal jerk limit"),
     Definition("PSC_POSXY_P", 1.0, 0.0, 5.0, REAL, "1/s"),
     Definition("PSC_VELXY_P", 4.0, 0.1, 10.0, REAL, "1/s"),
-    Definition("PSC_VELXY_I", 2.0, 0.0, 5.0, REAL, "1/s^2"),
+    Definition("PSC_VELXY_I", 1.0, 0.0, 5.0, REAL, "1/s^2"),
     Definition("PSC_VELXY_D", 0.25, 0.0, 2.0, REAL, "velocity error derivative to acceleration"),
     Definition("PSC_VELXY_FLTE", 15.0, 0.5, 100.0, REAL, "Hz, low-pass of the velocity error"),
     Definition("PSC_VELXY_FLTD", 15.0, 0.5, 100.0, REAL, "Hz, low-pass of its derivative"),
