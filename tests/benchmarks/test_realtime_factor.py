@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bench.spare import stack_threads
 from sitl.trial import run_trial
 from sitl.trial_types import TrialRequest, TrialResult
 
@@ -29,7 +30,7 @@ def fastest(tables: list[str]) -> Iterator[dict[str, TrialResult]]:
 @pytest.mark.parametrize("denoiser", ["gaussian", "tbd", "saranga"])
 @pytest.mark.parametrize("autopilot", KINDS)
 def test_realtime_factor(benchmark: Any, fastest: dict[str, TrialResult], autopilot: str, denoiser: str) -> None:
-    request = TrialRequest("poles", seed=1, autopilot=autopilot, denoiser=denoiser)
+    request = TrialRequest("poles", seed=1, autopilot=autopilot, denoiser=denoiser, stack_threads=stack_threads())
     flown: list[TrialResult] = []
     benchmark.pedantic(lambda: flown.append(run_trial(request)), rounds=ROUNDS, warmup_rounds=1)
     assert len({result.determinism_hash for result in flown}) == 1, "the rounds are not the same flight"
