@@ -26,6 +26,8 @@ STALE_US = 256_000
 TICK_US = 62_500
 # Nothing the airframe is meant to do is faster; a policy beyond it is broken, not bold.
 MAX_SPEED_M_S = 5.0
+# The filters along range reach over the end of the record, where coloured noise then looks like a standing edge.
+END_COLUMNS = 22
 DISPARITIES = ("auto", "phase", "envelope", "edges")
 
 
@@ -158,7 +160,8 @@ class Stack:
         """Edges and obstacles into `decision`; returns when it was done."""
         timing = decision.timing_ms
         paths: dict[str, NDArray[np.float64]] = {}
-        decision.edges = self._denoise(self._images)
+        decision.edges = {role: _before_the_end(row, decision.images[role])
+                          for role, row in self._denoise(self._images).items()}
         timing["denoise"], start = _lap(start)
         strength = np.zeros(0)
         for role, row in decision.edges.items():
@@ -196,6 +199,14 @@ class Stack:
         if len(silent) == len(since):
             return f"echo source silent for {age_s:.2f} s (limit {limit_s:.2f} s)"
         return f"sensor {' and '.join(silent)} silent for {age_s:.2f} s (limit {limit_s:.2f} s)"
+
+
+def _before_the_end(row: NDArray[np.float32], envelope: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Edges (N,) without those in the last END_COLUMNS that were measured."""
+    measured = np.flatnonzero(envelope.any(axis=0))
+    kept = row.copy()
+    kept[max(int(measured[-1]) + 1 - END_COLUMNS, 0) if measured.size else 0:] = 0.0
+    return kept
 
 
 def _lap(start: float) -> tuple[float, float]:
